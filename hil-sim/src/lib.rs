@@ -1,0 +1,1 @@
+//! The muscle plant, the closed loop with the real controller, and its reports.

@@ -1,0 +1,60 @@
+//! The rubber artificial muscle: force (Eq 1) and volume (Eq 2).
+//!
+//! Contraction ε = y/L is a fraction of the initial length, positive when the muscle is shorter.
+
+use crate::pressure::GaugePa;
+use num_traits::float::FloatCore;
+
+/// The constants of one muscle, of the paper's Eqs 1 and 2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Muscle<T> {
+    /// α \[m²\]: force per pressure that vanishes with full contraction.
+    pub alpha_m2: T,
+    /// β \[m²\]: force per pressure that does not depend on contraction, negative.
+    pub beta_m2: T,
+    /// γ \[N\]: force without pressure, negative.
+    pub gamma_n: T,
+    /// D₁ \[m³\] of the volume polynomial.
+    pub volume_d1_m3: T,
+    /// D₂ \[m³\] of the volume polynomial.
+    pub volume_d2_m3: T,
+    /// D₃ \[m³\] of the volume polynomial: the volume at ε = 0.
+    pub volume_d3_m3: T,
+    /// L \[m\]: length at ε = 0.
+    pub initial_length_m: T,
+}
+
+impl<T: FloatCore> Muscle<T> {
+    /// Contraction force F \[N\], Eq 1: F = α(1−ε)²P + βP + γ with P gauge.
+    #[inline]
+    pub fn force_n(&self, contraction: T, pressure: GaugePa<T>) -> T {
+        self.force_per_pressure_m2(contraction) * pressure.0 + self.gamma_n
+    }
+
+    /// ∂F/∂P \[m²\] of Eq 1: f_p = α(1−ε)² + β. It falls with ε and reaches zero where the muscle
+    /// can pull no further, whatever the pressure.
+    #[inline]
+    pub fn force_per_pressure_m2(&self, contraction: T) -> T {
+        let shortened = T::one() - contraction;
+        self.alpha_m2 * shortened * shortened + self.beta_m2
+    }
+
+    /// −∂F/∂ε \[N\] of Eq 1: f_c = 2α(1−ε)P, the muscle's stiffness per unit contraction (Eq 11).
+    #[inline]
+    pub fn stiffness_n(&self, contraction: T, pressure: GaugePa<T>) -> T {
+        let shortened = T::one() - contraction;
+        (self.alpha_m2 + self.alpha_m2) * shortened * pressure.0
+    }
+
+    /// Volume V \[m³\], Eq 2: V = D₁ε² + D₂ε + D₃.
+    #[inline]
+    pub fn volume_m3(&self, contraction: T) -> T {
+        (self.volume_d1_m3 * contraction + self.volume_d2_m3) * contraction + self.volume_d3_m3
+    }
+
+    /// dV/dε \[m³\] of Eq 2: V_c = 2D₁ε + D₂.
+    #[inline]
+    pub fn volume_slope_m3(&self, contraction: T) -> T {
+        (self.volume_d1_m3 + self.volume_d1_m3) * contraction + self.volume_d2_m3
+    }
+}
