@@ -5,7 +5,7 @@
 use crate::pressure::GaugePa;
 use num_traits::float::FloatCore;
 
-/// The constants of one muscle, of the paper's Eqs 1 and 2.
+/// The constants of one muscle's force, of the paper's Eq 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Muscle<T> {
     /// α \[m²\]: force per pressure that vanishes with full contraction.
@@ -14,14 +14,19 @@ pub struct Muscle<T> {
     pub beta_m2: T,
     /// γ \[N\]: force without pressure, negative.
     pub gamma_n: T,
-    /// D₁ \[m³\] of the volume polynomial.
-    pub volume_d1_m3: T,
-    /// D₂ \[m³\] of the volume polynomial.
-    pub volume_d2_m3: T,
-    /// D₃ \[m³\] of the volume polynomial: the volume at ε = 0.
-    pub volume_d3_m3: T,
     /// L \[m\]: length at ε = 0.
     pub initial_length_m: T,
+}
+
+/// The constants of one muscle's volume, of the paper's Eq 2.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume<T> {
+    /// D₁ \[m³\].
+    pub d1_m3: T,
+    /// D₂ \[m³\].
+    pub d2_m3: T,
+    /// D₃ \[m³\]: the volume at ε = 0.
+    pub d3_m3: T,
 }
 
 impl<T: FloatCore> Muscle<T> {
@@ -45,16 +50,18 @@ impl<T: FloatCore> Muscle<T> {
         let shortened = T::one() - contraction;
         (self.alpha_m2 + self.alpha_m2) * shortened * pressure.0
     }
+}
 
+impl<T: FloatCore> Volume<T> {
     /// Volume V \[m³\], Eq 2: V = D₁ε² + D₂ε + D₃.
     #[inline]
     pub fn volume_m3(&self, contraction: T) -> T {
-        (self.volume_d1_m3 * contraction + self.volume_d2_m3) * contraction + self.volume_d3_m3
+        (self.d1_m3 * contraction + self.d2_m3) * contraction + self.d3_m3
     }
 
     /// dV/dε \[m³\] of Eq 2: V_c = 2D₁ε + D₂.
     #[inline]
-    pub fn volume_slope_m3(&self, contraction: T) -> T {
-        (self.volume_d1_m3 + self.volume_d1_m3) * contraction + self.volume_d2_m3
+    pub fn slope_m3(&self, contraction: T) -> T {
+        (self.d1_m3 + self.d1_m3) * contraction + self.d2_m3
     }
 }
