@@ -1,0 +1,36 @@
+//! `payload`: the mass is not the nominal one.
+
+use super::{EffectKind, Parameter};
+use crate::plant::Term;
+use crate::plant::load::{LoadPoint, LoadTerm};
+use crate::plant::term::Dynamics;
+use crate::rig::Weight;
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "payload",
+    block: "load",
+    parameters: &[Parameter {
+        name: "mass_kg",
+        unit: "kg",
+        min: -1e3,
+        max: 1e3,
+    }],
+    mark: "Weight and inertia change together: the equilibrium and the natural frequency.",
+    source: "Eq 5 with another mass. Leaves out a payload that swings.",
+    build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
+};
+
+/// The smallest mass that a payload may leave \[kg\], so that Eq 5 stays solvable.
+const MASS_KG_MIN: f64 = 1e-3;
+
+struct Payload {
+    mass_kg: f64,
+}
+
+impl Dynamics<LoadPoint> for Payload {}
+
+impl LoadTerm for Payload {
+    fn change(&self, _: &LoadPoint, _: &[f64], weight: &mut Weight, _: &mut f64) {
+        weight.mass_kg = (weight.mass_kg + self.mass_kg).max(MASS_KG_MIN);
+    }
+}

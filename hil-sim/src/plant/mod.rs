@@ -1,0 +1,414 @@
+//! The muscle plant: blocks, and how they connect (Eqs 1–5 and 9).
+//!
+//! ```text
+//! P_r ─ line (delay) ─ valve ─ line (hose) ─ gas ─ P ─ muscle force ─ F ─ load ─ ε
+//!                        │                    └──────────── ε, ε̇ ───────────┘
+//!                      supply                          sensors read P, ε, F
+//! ```
+//!
+//! A block is its nominal equation and a list of terms, the effects that were added to it. Each
+//! block runs alone when what it needs is measured: without a load the contraction is an input,
+//! without pneumatics the pressure is ([`Simulated`]). Pressures in the state are absolute.
+
+pub mod gas;
+pub mod integrate;
+pub mod line;
+pub mod load;
+pub mod muscle;
+pub mod sensors;
+pub mod simulation;
+pub mod supply;
+pub mod term;
+pub mod valve;
+
+use crate::error::BadInput;
+use crate::rig::{Load, Rig};
+use gas::{GasBlock, GasPoint, GasTerm};
+use line::{LineBlock, LinePoint, LineTerm};
+use load::{LoadBlock, LoadPoint, LoadTerm, Motion};
+use model_core::pressure::{AbsolutePa, GaugePa};
+use muscle::{MuscleBlock, MusclePoint, MuscleTerm};
+use sensors::{Reading, SensorBlock, SensorPoint, SensorTerm};
+use supply::{SupplyBlock, SupplyPoint, SupplyTerm};
+use term::{Terms, Update};
+use valve::{ValveBlock, ValvePoint, ValveTerm};
+
+/// Place of the contraction ε \[-\] in the state.
+pub const CONTRACTION: usize = 0;
+/// Place of the contraction rate \[1/s\] in the state.
+pub const CONTRACTION_RATE: usize = 1;
+/// Place of the absolute pressure \[Pa\] in the state.
+pub const PRESSURE: usize = 2;
+/// Place of the gas temperature \[K\] in the state.
+pub const TEMPERATURE: usize = 3;
+/// How many states the nominal plant has; those of effects follow.
+pub const NOMINAL_STATES: usize = 4;
+
+/// Which part of the rig is simulated; the rest is measured and comes in with the [`Drive`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Simulated {
+    /// Valve, line and gas (else the pressure is an input).
+    pub pressure: bool,
+    /// The load (else the contraction is an input).
+    pub motion: bool,
+}
+
+/// A quantity that changes linearly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ramp {
+    /// When it has `value` \[s\].
+    pub start_s: f64,
+    /// Its value at `start_s`.
+    pub value: f64,
+    /// Its rate \[1/s\].
+    pub rate_per_s: f64,
+}
+
+/// What comes from outside during a stretch of time without jumps.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Drive {
+    /// Reference pressure that is sent to the valve, held.
+    pub reference: GaugePa<f64>,
+    /// Rate of the prescribed contraction \[1/s\].
+    pub contraction_rate_per_s: f64,
+    /// Rate of the prescribed pressure \[Pa/s\].
+    pub pressure_rate_pa_per_s: f64,
+    /// Measured supply pressure (gauge, \[Pa\]) in place of the rig's nominal one.
+    pub supply: Option<Ramp>,
+}
+
+/// An effect, bound for its block.
+pub enum Term {
+    /// On the muscle's force.
+    Muscle(Box<dyn MuscleTerm>),
+    /// On the weight.
+    Load(Box<dyn LoadTerm>),
+    /// On the valve.
+    Valve(Box<dyn ValveTerm>),
+    /// On the hose or the command line.
+    Line(Box<dyn LineTerm>),
+    /// On the air in the muscle.
+    Gas(Box<dyn GasTerm>),
+    /// On the supply.
+    Supply(Box<dyn SupplyTerm>),
+    /// On the instruments.
+    Sensor(Box<dyn SensorTerm>),
+}
+
+/// Valve, line, supply and gas: what makes the pressure.
+pub struct Pneumatics {
+    /// The servo valve.
+    pub valve: ValveBlock,
+    /// Hose and command line.
+    pub line: LineBlock,
+    /// What feeds the valve.
+    pub supply: SupplyBlock,
+    /// The air in the muscle.
+    pub gas: GasBlock,
+}
+
+/// The plant of one rig.
+pub struct Plant {
+    /// Eq 1 and its terms.
+    pub muscle: MuscleBlock,
+    /// The weight; `None` where the contraction is an input.
+    pub load: Option<LoadBlock>,
+    /// `None` where the pressure is an input.
+    pub pneumatics: Option<Pneumatics>,
+    /// The instruments.
+    pub sensors: SensorBlock,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
+    /// Ambient temperature \[K\].
+    pub ambient_temperature_k: f64,
+    states: usize,
+}
+
+/// One instant of the pneumatics: what each of its blocks sees, and the flow into the muscle.
+struct PneumaticSignals {
+    supply: SupplyPoint,
+    valve: ValvePoint,
+    line: LinePoint,
+    gas: GasPoint,
+    flow_kg_per_s: f64,
+}
+
+impl Pneumatics {
+    #[inline]
+    fn signals(
+        &self,
+        time_s: f64,
+        drive: &Drive,
+        atmospheric: AbsolutePa<f64>,
+        state: &[f64],
+    ) -> PneumaticSignals {
+        let pressure = AbsolutePa(state[PRESSURE]);
+        let mut supply = SupplyPoint {
+            time_s,
+            drawn_kg_per_s: 0.0,
+        };
+        let supply_pressure = match drive.supply {
+            None => self.supply.pressure(&supply, state),
+            Some(ramp) => GaugePa(ramp.value + ramp.rate_per_s * (time_s - ramp.start_s)),
+        };
+        let mut line = LinePoint {
+            time_s,
+            muscle: pressure.to_gauge(atmospheric),
+            valve_flow_kg_per_s: 0.0,
+        };
+        let valve = ValvePoint {
+            time_s,
+            reference: drive.reference,
+            port: self.line.port(&line, state),
+            supply: supply_pressure,
+        };
+        line.valve_flow_kg_per_s = self.valve.flow_kg_per_s(&valve, state);
+        supply.drawn_kg_per_s = line.valve_flow_kg_per_s.max(0.0);
+        let gas = GasPoint {
+            time_s,
+            pressure,
+            atmospheric,
+            temperature_k: state[TEMPERATURE],
+        };
+        let flow_kg_per_s = self.line.flow_kg_per_s(&line, state);
+        PneumaticSignals {
+            supply,
+            valve,
+            line,
+            gas,
+            flow_kg_per_s,
+        }
+    }
+}
+
+impl Plant {
+    /// The plant of `rig`, as far as it is `simulated`.
+    ///
+    /// # Errors
+    /// A section that is needed and missing; an effect on a block that is not simulated is
+    /// accepted and rests.
+    pub fn new(rig: &Rig, simulated: Simulated) -> Result<Plant, BadInput> {
+        let initial_length_m = rig.muscle.initial_length_m;
+        let pneumatics = if simulated.pressure {
+            let (valve, gas) = (rig.require_valve()?, rig.require_gas()?);
+            Some(Pneumatics {
+                valve: ValveBlock {
+                    flow_gain_kg_per_pa_s: valve.flow_gain_kg_per_pa_s,
+                    terms: Terms::default(),
+                },
+                line: LineBlock::default(),
+                supply: SupplyBlock {
+                    nominal: valve.supply_pressure,
+                    terms: Terms::default(),
+                },
+                gas: GasBlock {
+                    gas: *gas,
+                    volume: *rig.require_volume()?,
+                    initial_length_m,
+                    terms: Terms::default(),
+                },
+            })
+        } else {
+            None
+        };
+        let load = match (&rig.load, simulated.motion) {
+            (Load::Weight(weight), true) => Some(LoadBlock {
+                weight: *weight,
+                initial_length_m,
+                terms: Terms::default(),
+            }),
+            _ => None,
+        };
+        let gas = rig.gas.unwrap_or(crate::rig::Gas::STANDARD);
+        let mut plant = Plant {
+            muscle: MuscleBlock {
+                law: rig.muscle,
+                terms: Terms::default(),
+            },
+            load,
+            pneumatics,
+            sensors: SensorBlock::default(),
+            atmospheric: gas.atmospheric_pressure,
+            ambient_temperature_k: gas.ambient_temperature_k,
+            states: NOMINAL_STATES,
+        };
+        for effect in &rig.effects {
+            plant.add((effect.kind.build)(&effect.values));
+        }
+        Ok(plant)
+    }
+
+    /// Length of the state.
+    pub fn states(&self) -> usize {
+        self.states
+    }
+
+    /// Adds an effect to its block. On a block that is not simulated it rests.
+    pub fn add(&mut self, term: Term) {
+        let first = self.states;
+        let states = match (term, &mut self.pneumatics, &mut self.load) {
+            (Term::Muscle(term), ..) => self.muscle.terms.push(term, first),
+            (Term::Sensor(term), ..) => self.sensors.terms.push(term, first),
+            (Term::Load(term), _, Some(load)) => load.terms.push(term, first),
+            (Term::Valve(term), Some(part), _) => part.valve.terms.push(term, first),
+            (Term::Line(term), Some(part), _) => part.line.terms.push(term, first),
+            (Term::Gas(term), Some(part), _) => part.gas.terms.push(term, first),
+            (Term::Supply(term), Some(part), _) => part.supply.terms.push(term, first),
+            _ => 0,
+        };
+        self.states += states;
+    }
+
+    #[inline]
+    fn muscle_point(&self, time_s: f64, state: &[f64]) -> MusclePoint {
+        MusclePoint {
+            time_s,
+            contraction: state[CONTRACTION],
+            contraction_rate_per_s: state[CONTRACTION_RATE],
+            pressure: AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric),
+        }
+    }
+
+    #[inline]
+    fn load_point(&self, time_s: f64, state: &[f64]) -> LoadPoint {
+        LoadPoint {
+            time_s,
+            contraction: state[CONTRACTION],
+            contraction_rate_per_s: state[CONTRACTION_RATE],
+        }
+    }
+
+    /// Muscle force \[N\] in `state`.
+    #[inline]
+    pub fn force_n(&self, time_s: f64, state: &[f64]) -> f64 {
+        self.muscle
+            .force_n(&self.muscle_point(time_s, state), state)
+    }
+
+    /// How far a weight at rest is from moving \[N\] (see [`LoadBlock::breakaway_n`]).
+    #[inline]
+    fn breakaway_n(&self, load: &LoadBlock, time_s: f64, state: &[f64]) -> (f64, Motion) {
+        let force_n = self.force_n(time_s, state);
+        load.breakaway_n(&self.load_point(time_s, state), state, force_n)
+    }
+
+    /// Rates of the state under `drive`, the weight moving as `motion` says.
+    #[inline]
+    pub fn rates<const N: usize>(
+        &self,
+        time_s: f64,
+        drive: &Drive,
+        motion: Motion,
+        state: &[f64; N],
+    ) -> [f64; N] {
+        let mut rates = [0.0; N];
+        if let Some(load) = &self.load {
+            if motion != Motion::Stuck {
+                let force_n = self.force_n(time_s, state);
+                let at = self.load_point(time_s, state);
+                rates[CONTRACTION] = state[CONTRACTION_RATE];
+                rates[CONTRACTION_RATE] = load.acceleration_per_s2(&at, state, force_n, motion);
+            }
+        } else {
+            rates[CONTRACTION] = drive.contraction_rate_per_s;
+        }
+        if let Some(pneumatics) = &self.pneumatics {
+            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            let gas = &pneumatics.gas;
+            let exchange = gas.exchange(&signals.gas, signals.flow_kg_per_s, state);
+            let (contraction, rate) = (state[CONTRACTION], state[CONTRACTION_RATE]);
+            let (pressure_rate, temperature_rate) =
+                gas.rates(&signals.gas, contraction, rate, &exchange);
+            rates[PRESSURE] = pressure_rate;
+            rates[TEMPERATURE] = temperature_rate;
+            if N > NOMINAL_STATES {
+                pneumatics.term_rates(&signals, state, &mut rates);
+            }
+        } else {
+            rates[PRESSURE] = drive.pressure_rate_pa_per_s;
+        }
+        if N > NOMINAL_STATES {
+            self.term_rates(time_s, state, &mut rates);
+        }
+        rates
+    }
+
+    /// Rates of the states that effects on muscle, load and sensors have.
+    fn term_rates(&self, time_s: f64, state: &[f64], rates: &mut [f64]) {
+        let muscle = self.muscle_point(time_s, state);
+        self.muscle.terms.rates(&muscle, state, rates);
+        if let Some(load) = &self.load {
+            let at = self.load_point(time_s, state);
+            load.terms.rates(&at, state, rates);
+        }
+        let sensors = self.sensor_point(time_s, state);
+        self.sensors.terms.rates(&sensors, state, rates);
+    }
+
+    /// Sets the states of all effects to what they are after a long rest in `state`.
+    pub fn settle(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
+        // Twice: what a block sees depends on the settled states of those before it.
+        self.update_terms(Update::Settle, time_s, drive, state);
+        self.update_terms(Update::Settle, time_s, drive, state);
+    }
+
+    /// Settles the states of all terms, or renews their memory, from the supply to the sensors.
+    fn update_terms(&self, how: Update, time_s: f64, drive: &Drive, state: &mut [f64]) {
+        if state.len() <= NOMINAL_STATES {
+            return;
+        }
+        if let Some(pneumatics) = &self.pneumatics {
+            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            pneumatics.supply.terms.update(how, &signals.supply, state);
+            pneumatics.line.terms.update(how, &signals.line, state);
+            pneumatics.valve.terms.update(how, &signals.valve, state);
+            pneumatics.gas.terms.update(how, &signals.gas, state);
+        }
+        let muscle = self.muscle_point(time_s, state);
+        self.muscle.terms.update(how, &muscle, state);
+        if let Some(load) = &self.load {
+            let at = self.load_point(time_s, state);
+            load.terms.update(how, &at, state);
+        }
+        let sensors = self.sensor_point(time_s, state);
+        self.sensors.terms.update(how, &sensors, state);
+    }
+
+    fn sensor_point(&self, time_s: f64, state: &[f64]) -> SensorPoint {
+        let muscle = AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric);
+        let pressure = match &self.pneumatics {
+            None => muscle,
+            Some(pneumatics) => {
+                let at = LinePoint {
+                    time_s,
+                    muscle,
+                    valve_flow_kg_per_s: 0.0,
+                };
+                pneumatics.line.port(&at, state)
+            }
+        };
+        SensorPoint {
+            time_s,
+            truth: Reading {
+                pressure,
+                contraction: state[CONTRACTION],
+                force_n: self.force_n(time_s, state),
+            },
+        }
+    }
+
+    /// What the instruments read in `state`, without noise.
+    pub fn read(&self, time_s: f64, state: &[f64]) -> Reading {
+        self.sensors.read(&self.sensor_point(time_s, state), state)
+    }
+}
+
+impl Pneumatics {
+    /// Rates of the states that effects on these blocks have.
+    fn term_rates(&self, signals: &PneumaticSignals, state: &[f64], rates: &mut [f64]) {
+        self.supply.terms.rates(&signals.supply, state, rates);
+        self.line.terms.rates(&signals.line, state, rates);
+        self.valve.terms.rates(&signals.valve, state, rates);
+        self.gas.terms.rates(&signals.gas, state, rates);
+    }
+}

@@ -1,0 +1,44 @@
+//! The muscle-force block (Eq 1).
+
+use super::term::{Dynamics, Terms};
+use model_core::muscle::Muscle;
+use model_core::pressure::GaugePa;
+
+/// What a term of the muscle-force block sees.
+#[derive(Clone, Copy, Debug)]
+pub struct MusclePoint {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// Contraction ε \[-\].
+    pub contraction: f64,
+    /// Contraction rate \[1/s\].
+    pub contraction_rate_per_s: f64,
+    /// Pressure in the muscle.
+    pub pressure: GaugePa<f64>,
+}
+
+/// A term of the muscle-force block.
+pub trait MuscleTerm: Dynamics<MusclePoint> + Send + Sync {
+    /// Muscle force \[N\], from the one that comes to the term; `law` is Eq 1's.
+    fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64;
+}
+
+/// The muscle as a force.
+pub struct MuscleBlock {
+    /// Eq 1.
+    pub law: Muscle<f64>,
+    /// Added effects.
+    pub terms: Terms<dyn MuscleTerm>,
+}
+
+impl MuscleBlock {
+    /// Muscle force F \[N\].
+    #[inline]
+    pub fn force_n(&self, at: &MusclePoint, state: &[f64]) -> f64 {
+        let mut force = self.law.force_n(at.contraction, at.pressure);
+        for (term, own) in self.terms.iter(state) {
+            force = term.force_n(at, &self.law, own, force);
+        }
+        force
+    }
+}

@@ -1,0 +1,65 @@
+//! The sensor block: what the rig's instruments read.
+
+use super::term::{Dynamics, Terms};
+use model_core::pressure::GaugePa;
+
+/// What the instruments read; what comes in is the truth at their place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Pressure at the valve's port.
+    pub pressure: GaugePa<f64>,
+    /// Contraction \[-\].
+    pub contraction: f64,
+    /// Muscle force \[N\].
+    pub force_n: f64,
+}
+
+/// What a term of the sensor block sees.
+#[derive(Clone, Copy, Debug)]
+pub struct SensorPoint {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// The truth.
+    pub truth: Reading,
+}
+
+/// A term of the sensor block.
+pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
+    /// Changes what is read.
+    fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading);
+}
+
+/// The sensors.
+#[derive(Default)]
+pub struct SensorBlock {
+    /// Added effects.
+    pub terms: Terms<dyn SensorTerm>,
+}
+
+impl SensorBlock {
+    /// The truth that the instruments read as `reading` at `time_s`: the inverse of
+    /// [`SensorBlock::read`], for sensors without dynamics whose gain is within a factor of two.
+    pub fn truth(&self, time_s: f64, reading: Reading) -> Reading {
+        let mut truth = reading;
+        if self.terms.is_empty() {
+            return truth;
+        }
+        // Each pass removes the share of the error by which the gain differs from one.
+        for _ in 0..60 {
+            let read = self.read(&SensorPoint { time_s, truth }, &[]);
+            truth.pressure.0 += reading.pressure.0 - read.pressure.0;
+            truth.contraction += reading.contraction - read.contraction;
+            truth.force_n += reading.force_n - read.force_n;
+        }
+        truth
+    }
+
+    /// What is read of `at.truth`.
+    pub fn read(&self, at: &SensorPoint, state: &[f64]) -> Reading {
+        let mut reading = at.truth;
+        for (term, own) in self.terms.iter(state) {
+            term.read(at, own, &mut reading);
+        }
+        reading
+    }
+}

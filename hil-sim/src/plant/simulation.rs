@@ -1,0 +1,468 @@
+//! The plant in time: adaptive steps, with stick, slip and the stop located between them.
+//!
+//! Between two jumps of the drive and two changes of [`Motion`] the equations are smooth, and a
+//! step never spans one: breakaway, standstill and the stop are found on the step's continuous
+//! extension, and the next step begins there.
+
+use super::integrate::Step;
+use super::load::{LoadBlock, Motion};
+use super::sensors::Reading;
+use super::term::Update;
+use super::{CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, TEMPERATURE};
+use model_core::pressure::{AbsolutePa, GaugePa};
+use std::collections::VecDeque;
+
+/// Default local error per step, relative to each state's range: the benchmark's work-precision
+/// table shows what it costs and gives.
+pub const TOLERANCE: f64 = 1e-6;
+
+/// Ranges that the tolerance is relative to: ε, ε̇ \[1/s\], P \[Pa\], θ \[K\]; 1 for effects.
+const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
+/// Shortest step \[s\]: below it the equations have left physics.
+const STEP_S_MIN: f64 = 1e-11;
+/// Changes of motion that one advance may see; physics needs a handful in 10 ms.
+const EVENTS_MAX: u32 = 10_000;
+/// Bisections of a step when an event is located: 2⁻⁴⁵ of 10 ms is below 1e-15 s.
+const BISECTIONS: u32 = 45;
+/// What a step may shrink by.
+const GROWTH_MIN: f64 = 0.2;
+/// What a step may grow by.
+const GROWTH_MAX: f64 = 5.0;
+/// The share of the estimated step that is dared.
+const SAFETY: f64 = 0.9;
+/// Trial steps that are no steps: the error is not finite, say.
+const REFUSED: f64 = f64::INFINITY;
+
+/// Why a simulation could not go on.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SimulationError {
+    /// No step is short enough: the state has left physics.
+    #[error(
+        "the plant's equations have no solution past {time_s:.6} s (step below {step_s:.1e} s)"
+    )]
+    NoStep {
+        /// When \[s\].
+        time_s: f64,
+        /// The step that was refused \[s\].
+        step_s: f64,
+    },
+    /// The weight starts and stops without end.
+    #[error("the weight starts and stops without end at {time_s:.6} s")]
+    Chatter {
+        /// When \[s\].
+        time_s: f64,
+    },
+}
+
+/// Where a simulation begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Initial {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// Contraction ε \[-\].
+    pub contraction: f64,
+    /// Contraction rate \[1/s\].
+    pub contraction_rate_per_s: f64,
+    /// Pressure in the muscle.
+    pub pressure: GaugePa<f64>,
+    /// Gas temperature \[K\].
+    pub temperature_k: f64,
+}
+
+/// What the integrator did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Work {
+    /// Accepted steps.
+    pub steps: u64,
+    /// Steps tried again, shorter.
+    pub refused: u64,
+    /// Changes of motion.
+    pub events: u64,
+    /// Evaluations of the plant's equations.
+    pub evaluations: u64,
+}
+
+/// A plant with its state.
+pub struct Simulation {
+    plant: Plant,
+    core: Core,
+    delay_s: f64,
+    /// References under way in the command line: when each arrives \[s\], and what it is.
+    pending: VecDeque<(f64, GaugePa<f64>)>,
+    /// The reference that was sent last, and the one that has arrived last.
+    sent: GaugePa<f64>,
+    arrived: GaugePa<f64>,
+}
+
+/// The state, in an array that fits the plant: the nominal one is the fast one.
+enum Core {
+    Nominal(Trajectory<NOMINAL_STATES>),
+    Some(Trajectory<12>),
+    Many(Trajectory<40>),
+}
+
+macro_rules! each {
+    ($core:expr, $trajectory:ident => $body:expr) => {
+        match $core {
+            Core::Nominal($trajectory) => $body,
+            Core::Some($trajectory) => $body,
+            Core::Many($trajectory) => $body,
+        }
+    };
+}
+
+impl Simulation {
+    /// `plant` at `initial`, its effects settled under `drive`.
+    ///
+    /// # Panics
+    /// If the effects together have more than 36 states, which no rig file can ask for.
+    pub fn new(plant: Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Simulation {
+        let core = match plant.states() {
+            ..=NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
+            ..=12 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
+            ..=40 => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
+            states => panic!("{states} states"),
+        };
+        let delay_s = plant.pneumatics.as_ref().map_or(0.0, |p| p.line.delay_s());
+        Simulation {
+            plant,
+            core,
+            delay_s,
+            pending: VecDeque::new(),
+            sent: drive.reference,
+            arrived: drive.reference,
+        }
+    }
+
+    /// Runs to `until_s` under `drive`, whose reference is sent now.
+    ///
+    /// # Errors
+    /// See [`SimulationError`].
+    pub fn advance(&mut self, drive: &Drive, until_s: f64) -> Result<(), SimulationError> {
+        let Simulation { plant, core, .. } = self;
+        if self.delay_s <= 0.0 {
+            return each!(core, trajectory => trajectory.advance(plant, drive, until_s));
+        }
+        if drive.reference != self.sent {
+            self.sent = drive.reference;
+            let arrival_s = each!(core, trajectory => trajectory.time_s) + self.delay_s;
+            self.pending.push_back((arrival_s, drive.reference));
+        }
+        let mut drive = *drive;
+        loop {
+            drive.reference = self.arrived;
+            let next = self.pending.front().copied();
+            let (stretch_s, arrival) = match next {
+                Some((arrival_s, reference)) if arrival_s < until_s => (arrival_s, Some(reference)),
+                _ => (until_s, None),
+            };
+            each!(core, trajectory => trajectory.advance(plant, &drive, stretch_s))?;
+            match arrival {
+                None => return Ok(()),
+                Some(reference) => self.arrived = reference,
+            }
+            self.pending.pop_front();
+        }
+    }
+
+    /// Sets the contraction and its rate where they are inputs.
+    pub fn prescribe_contraction(&mut self, contraction: f64, rate_per_s: f64) {
+        each!(&mut self.core, trajectory => {
+            trajectory.state[CONTRACTION] = contraction;
+            trajectory.state[CONTRACTION_RATE] = rate_per_s;
+        });
+    }
+
+    /// Sets the pressure where it is an input.
+    pub fn prescribe_pressure(&mut self, pressure: GaugePa<f64>) {
+        let absolute = pressure.to_absolute(self.plant.atmospheric);
+        each!(&mut self.core, trajectory => trajectory.state[PRESSURE] = absolute.0);
+    }
+
+    /// The plant.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
+    }
+
+    /// Time \[s\].
+    pub fn time_s(&self) -> f64 {
+        each!(&self.core, trajectory => trajectory.time_s)
+    }
+
+    /// Contraction ε \[-\].
+    pub fn contraction(&self) -> f64 {
+        self.state()[CONTRACTION]
+    }
+
+    /// Contraction rate \[1/s\].
+    pub fn contraction_rate_per_s(&self) -> f64 {
+        self.state()[CONTRACTION_RATE]
+    }
+
+    /// Pressure in the muscle.
+    pub fn pressure(&self) -> GaugePa<f64> {
+        AbsolutePa(self.state()[PRESSURE]).to_gauge(self.plant.atmospheric)
+    }
+
+    /// Gas temperature \[K\].
+    pub fn temperature_k(&self) -> f64 {
+        self.state()[TEMPERATURE]
+    }
+
+    /// Muscle force \[N\].
+    pub fn force_n(&self) -> f64 {
+        self.plant.force_n(self.time_s(), self.state())
+    }
+
+    /// What the instruments read, without noise.
+    pub fn read(&self) -> Reading {
+        self.plant.read(self.time_s(), self.state())
+    }
+
+    /// How the weight moves.
+    pub fn motion(&self) -> Motion {
+        each!(&self.core, trajectory => trajectory.motion)
+    }
+
+    /// What the integrator did so far.
+    pub fn work(&self) -> Work {
+        each!(&self.core, trajectory => trajectory.work)
+    }
+
+    fn state(&self) -> &[f64] {
+        each!(&self.core, trajectory => &trajectory.state)
+    }
+}
+
+/// A state of `N` values on its way.
+struct Trajectory<const N: usize> {
+    time_s: f64,
+    state: [f64; N],
+    motion: Motion,
+    /// Per state: 1 over the error that is allowed.
+    per_error: [f64; N],
+    /// The step that fitted after the last jump of the drive, and the one that fits now \[s\].
+    step_s_after_jump: f64,
+    step_s: f64,
+    work: Work,
+}
+
+impl<const N: usize> Trajectory<N> {
+    fn new(plant: &Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Self {
+        let mut state = [0.0; N];
+        state[CONTRACTION] = initial.contraction;
+        state[CONTRACTION_RATE] = initial.contraction_rate_per_s;
+        state[PRESSURE] = initial.pressure.to_absolute(plant.atmospheric).0;
+        state[TEMPERATURE] = initial.temperature_k;
+        plant.settle(initial.time_s, drive, &mut state);
+        let mut per_error = [1.0 / tolerance; N];
+        for (per_error, range) in per_error.iter_mut().zip(RANGES) {
+            *per_error /= range;
+        }
+        let mut trajectory = Trajectory {
+            time_s: initial.time_s,
+            state,
+            motion: Motion::Stuck,
+            per_error,
+            step_s_after_jump: 1e-3,
+            step_s: 1e-3,
+            work: Work::default(),
+        };
+        if let Some(load) = &plant.load {
+            trajectory.motion = if initial.contraction_rate_per_s > 0.0 {
+                Motion::Rising
+            } else if initial.contraction_rate_per_s < 0.0 {
+                Motion::Falling
+            } else {
+                trajectory.at_rest(plant, load)
+            };
+        }
+        trajectory
+    }
+
+    /// How a weight without speed goes on.
+    fn at_rest(&self, plant: &Plant, load: &LoadBlock) -> Motion {
+        let (breakaway_n, motion) = plant.breakaway_n(load, self.time_s, &self.state);
+        if breakaway_n > 0.0 {
+            motion
+        } else {
+            Motion::Stuck
+        }
+    }
+
+    /// Largest estimated error of a step, over the allowed one.
+    #[inline]
+    fn relative_error(&self, step: &Step<N>) -> f64 {
+        let error = step.error();
+        let mut worst = 0.0;
+        for (error, per_error) in error.iter().zip(&self.per_error) {
+            let relative = (error * per_error).abs();
+            // Not `max`, which would hide a NaN.
+            if !(relative <= worst) {
+                worst = relative;
+            }
+        }
+        if worst.is_nan() { REFUSED } else { worst }
+    }
+
+    fn advance(
+        &mut self,
+        plant: &Plant,
+        drive: &Drive,
+        until_s: f64,
+    ) -> Result<(), SimulationError> {
+        let mut rate = plant.rates(self.time_s, drive, self.motion, &self.state);
+        self.work.evaluations += 1;
+        self.step_s = self.step_s_after_jump;
+        let mut after_jump = true;
+        let mut events = 0;
+        while self.time_s < until_s {
+            let remaining_s = until_s - self.time_s;
+            // Equal steps to the end, rather than a short last one.
+            let steps = (remaining_s / self.step_s).ceil().max(1.0);
+            let length_s = remaining_s / steps;
+            let motion = self.motion;
+            let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, motion, state);
+            let step = Step::take(f, self.time_s, &self.state, &rate, length_s);
+            self.work.evaluations += 6;
+            let error = self.relative_error(&step);
+            let fitting_s = length_s * growth(error);
+            if error > 1.0 {
+                self.work.refused += 1;
+                self.step_s = fitting_s;
+                if length_s < STEP_S_MIN {
+                    let time_s = self.time_s;
+                    return Err(SimulationError::NoStep {
+                        time_s,
+                        step_s: length_s,
+                    });
+                }
+                continue;
+            }
+            self.work.steps += 1;
+            if after_jump {
+                self.step_s_after_jump = fitting_s;
+                after_jump = false;
+            }
+            self.step_s = fitting_s;
+            let event = plant
+                .load
+                .as_ref()
+                .and_then(|load| self.event(plant, load, &step));
+            match event {
+                None => {
+                    self.time_s = if steps == 1.0 {
+                        until_s
+                    } else {
+                        self.time_s + length_s
+                    };
+                    self.state = step.end;
+                    rate = step.rates[6];
+                }
+                Some(fraction) => {
+                    self.time_s += fraction * length_s;
+                    self.state = step.interpolate(fraction);
+                    self.change_motion(plant);
+                    rate = plant.rates(self.time_s, drive, self.motion, &self.state);
+                    self.work.evaluations += 1;
+                    self.work.events += 1;
+                    events += 1;
+                    if events > EVENTS_MAX {
+                        return Err(SimulationError::Chatter {
+                            time_s: self.time_s,
+                        });
+                    }
+                }
+            }
+            plant.update_terms(Update::Commit, self.time_s, drive, &mut self.state);
+        }
+        Ok(())
+    }
+
+    /// Where in `step` the motion changes first, as a fraction of it.
+    #[inline]
+    fn event(&self, plant: &Plant, load: &LoadBlock, step: &Step<N>) -> Option<f64> {
+        match self.motion {
+            Motion::Stuck => {
+                let held = |fraction: f64, state: &[f64; N]| {
+                    let time_s = self.time_s + fraction * step.length_s;
+                    plant.breakaway_n(load, time_s, state).0 <= 0.0
+                };
+                // The pressure may pass a maximum within the step: look at its middle too.
+                let turns = step.rates[0][PRESSURE] * step.rates[6][PRESSURE] < 0.0;
+                if turns && !held(0.5, &step.interpolate(0.5)) {
+                    Some(last(0.5, |fraction| held(fraction, &step.interpolate(fraction))).1)
+                } else if !held(1.0, &step.end) {
+                    Some(last(1.0, |fraction| held(fraction, &step.interpolate(fraction))).1)
+                } else {
+                    None
+                }
+            }
+            Motion::Rising | Motion::Falling => {
+                let sign = if self.motion == Motion::Rising {
+                    1.0
+                } else {
+                    -1.0
+                };
+                let moves = |state: &[f64; N]| {
+                    sign * state[CONTRACTION_RATE] >= 0.0
+                        && (sign > 0.0 || state[CONTRACTION] >= 0.0)
+                };
+                let moves_at = |fraction: f64| moves(&step.interpolate(fraction));
+                if !moves(&step.end) {
+                    return Some(last(1.0, moves_at).0);
+                }
+                // The speed may pass through zero and back within the step.
+                let (begin, end) = (&step.rates[0], &step.rates[6]);
+                let dips =
+                    sign * begin[CONTRACTION_RATE] < 0.0 && sign * end[CONTRACTION_RATE] > 0.0;
+                if dips {
+                    let slopes = (begin[CONTRACTION_RATE], end[CONTRACTION_RATE]);
+                    let lowest = slopes.0 / (slopes.0 - slopes.1);
+                    if !moves_at(lowest) {
+                        return Some(last(lowest, moves_at).0);
+                    }
+                }
+                None
+            }
+        }
+    }
+
+    /// Brings a weight that has just stopped, met the stop, or broken away into its next motion.
+    fn change_motion(&mut self, plant: &Plant) {
+        let Some(load) = &plant.load else { return };
+        self.state[CONTRACTION_RATE] = 0.0;
+        // The stop takes the weight without a bounce.
+        if self.motion == Motion::Falling {
+            let step_back = self.state[CONTRACTION] < CONTACT;
+            if step_back {
+                self.state[CONTRACTION] = 0.0;
+            }
+        }
+        self.motion = self.at_rest(plant, load);
+    }
+}
+
+/// Below this contraction the weight touches the stop: far below any encoder, far above rounding.
+const CONTACT: f64 = 1e-12;
+
+/// Factor on the step, from the error relative to the allowed one, for a method of order 5.
+#[inline]
+fn growth(error: f64) -> f64 {
+    (SAFETY * error.powf(-0.2)).clamp(GROWTH_MIN, GROWTH_MAX)
+}
+
+/// Bisects [0, `to`], with `holds` at 0 and not at `to`: the last place where it holds, and the
+/// first where it does not, 2⁻⁴⁵ apart.
+fn last(to: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
+    let (mut yes, mut no) = (0.0, to);
+    for _ in 0..BISECTIONS {
+        let middle = 0.5 * (yes + no);
+        if holds(middle) {
+            yes = middle;
+        } else {
+            no = middle;
+        }
+    }
+    (yes, no)
+}

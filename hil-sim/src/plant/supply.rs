@@ -1,0 +1,40 @@
+//! The supply block: the pressure that feeds the valve.
+
+use super::term::{Dynamics, Terms};
+use model_core::pressure::GaugePa;
+
+/// What a term of the supply block sees.
+#[derive(Clone, Copy, Debug)]
+pub struct SupplyPoint {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// Mass flow that the valve draws \[kg/s\], ≥ 0; zero where only the pressure is asked for.
+    pub drawn_kg_per_s: f64,
+}
+
+/// A term of the supply block.
+pub trait SupplyTerm: Dynamics<SupplyPoint> + Send + Sync {
+    /// Supply pressure, from the one that comes to the term. It must not read
+    /// [`SupplyPoint::drawn_kg_per_s`], which follows from it.
+    fn pressure(&self, at: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64>;
+}
+
+/// The supply.
+pub struct SupplyBlock {
+    /// Nominal supply pressure P_s, held.
+    pub nominal: GaugePa<f64>,
+    /// Added effects.
+    pub terms: Terms<dyn SupplyTerm>,
+}
+
+impl SupplyBlock {
+    /// Supply pressure at the valve.
+    #[inline]
+    pub fn pressure(&self, at: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
+        let mut supply = self.nominal;
+        for (term, own) in self.terms.iter(state) {
+            supply = term.pressure(at, own, supply);
+        }
+        supply
+    }
+}

@@ -1,0 +1,111 @@
+//! What every effect term may bring along besides its contribution to a block.
+
+/// The dynamics of a term: states of its own, driven by what its block sees (`Point`).
+///
+/// Everything has a default, so that a term without states implements nothing. States are of two
+/// kinds and share one slice: continuous ones have a rate; memory (of a rate-independent
+/// hysteresis, say) has none and is renewed by [`Dynamics::commit`] after each accepted step,
+/// between which the motion is monotone: reversals are located by the integrator. States are scaled
+/// to order one: the integrator's tolerance is relative to that.
+pub trait Dynamics<Point> {
+    /// How many states the term has.
+    fn states(&self) -> usize {
+        0
+    }
+
+    /// Sets the states to what they are after a long rest at `at`.
+    fn settle(&self, _at: &Point, _state: &mut [f64]) {}
+
+    /// Rates of the continuous states \[1/s\]; `rates` comes in zeroed.
+    fn rates(&self, _at: &Point, _state: &[f64], _rates: &mut [f64]) {}
+
+    /// Renews the memory after an accepted step that ended at `at`.
+    fn commit(&self, _at: &Point, _state: &mut [f64]) {}
+}
+
+/// The terms of one block, each with its place in the plant's state.
+pub struct Terms<T: ?Sized> {
+    slots: Vec<Slot<T>>,
+}
+
+struct Slot<T: ?Sized> {
+    term: Box<T>,
+    first: usize,
+    states: usize,
+}
+
+impl<T: ?Sized> Default for Terms<T> {
+    fn default() -> Self {
+        Terms { slots: Vec::new() }
+    }
+}
+
+impl<T: ?Sized> Terms<T> {
+    /// Adds a term whose states begin at `first` of the plant's state; returns how many it has.
+    pub(super) fn push<Point>(&mut self, term: Box<T>, first: usize) -> usize
+    where
+        T: Dynamics<Point>,
+    {
+        let states = term.states();
+        self.slots.push(Slot {
+            term,
+            first,
+            states,
+        });
+        states
+    }
+
+    /// True where the block is nominal.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.slots.is_empty()
+    }
+
+    /// Each term with its own states.
+    #[inline]
+    pub fn iter<'a>(&'a self, state: &'a [f64]) -> impl Iterator<Item = (&'a T, &'a [f64])> {
+        self.slots.iter().map(move |slot| {
+            // A term without states may be asked without a state at hand.
+            let own = match slot.states {
+                0 => &[],
+                states => &state[slot.first..slot.first + states],
+            };
+            (&*slot.term, own)
+        })
+    }
+
+    /// Writes the rates of the terms' states into their places of `rates`.
+    #[inline]
+    pub fn rates<Point>(&self, at: &Point, state: &[f64], rates: &mut [f64])
+    where
+        T: Dynamics<Point>,
+    {
+        for slot in self.slots.iter().filter(|slot| slot.states > 0) {
+            let own = slot.first..slot.first + slot.states;
+            slot.term.rates(at, &state[own.clone()], &mut rates[own]);
+        }
+    }
+
+    /// Settles the terms' states, or renews their memory.
+    pub fn update<Point>(&self, how: Update, at: &Point, state: &mut [f64])
+    where
+        T: Dynamics<Point>,
+    {
+        for slot in self.slots.iter().filter(|slot| slot.states > 0) {
+            let own = &mut state[slot.first..slot.first + slot.states];
+            match how {
+                Update::Settle => slot.term.settle(at, own),
+                Update::Commit => slot.term.commit(at, own),
+            }
+        }
+    }
+}
+
+/// What is done to the states of all terms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Update {
+    /// [`Dynamics::settle`].
+    Settle,
+    /// [`Dynamics::commit`].
+    Commit,
+}

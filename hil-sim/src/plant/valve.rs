@@ -1,0 +1,58 @@
+//! The valve block (Eq 9).
+
+use super::term::{Dynamics, Terms};
+use model_core::pressure::GaugePa;
+use model_core::valve::mass_flow_kg_per_s;
+
+/// What a term of the valve block sees.
+#[derive(Clone, Copy, Debug)]
+pub struct ValvePoint {
+    /// Time \[s\].
+    pub time_s: f64,
+    /// Reference pressure as it reaches the valve, before any term.
+    pub reference: GaugePa<f64>,
+    /// Pressure at the valve's output port.
+    pub port: GaugePa<f64>,
+    /// Supply pressure.
+    pub supply: GaugePa<f64>,
+}
+
+/// A term of the valve block.
+pub trait ValveTerm: Dynamics<ValvePoint> + Send + Sync {
+    /// The reference the valve acts on, from the one that comes to the term.
+    fn reference(&self, _at: &ValvePoint, _state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        reference
+    }
+
+    /// Mass flow that leaves the valve towards the muscle, from the flow that comes to the term
+    /// \[kg/s\].
+    fn flow_kg_per_s(&self, _at: &ValvePoint, _state: &[f64], flow_kg_per_s: f64) -> f64 {
+        flow_kg_per_s
+    }
+}
+
+/// The servo valve.
+pub struct ValveBlock {
+    /// K_G \[kg/(Pa·s)\].
+    pub flow_gain_kg_per_pa_s: f64,
+    /// Added effects.
+    pub terms: Terms<dyn ValveTerm>,
+}
+
+impl ValveBlock {
+    /// Mass flow towards the muscle \[kg/s\]: Eq 9 with the reference limited to 0…supply, as a
+    /// valve cannot fill above its supply nor draw below the atmosphere.
+    #[inline]
+    pub fn flow_kg_per_s(&self, at: &ValvePoint, state: &[f64]) -> f64 {
+        let mut reference = at.reference;
+        for (term, own) in self.terms.iter(state) {
+            reference = term.reference(at, own, reference);
+        }
+        let limited = GaugePa(reference.0.min(at.supply.0).max(0.0));
+        let mut flow = mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port);
+        for (term, own) in self.terms.iter(state) {
+            flow = term.flow_kg_per_s(at, own, flow);
+        }
+        flow
+    }
+}

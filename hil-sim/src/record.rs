@@ -1,0 +1,348 @@
+//! Records: one run of one rig as CSV, a header line and then a row a sample.
+//!
+//! Columns that other programs rely on are named here; they are numbers in SI units, and an empty
+//! cell is a missing sample. Unknown columns are kept as the text they are.
+
+use crate::error::BadInput;
+use crate::output::{NotWritten, write_atomically};
+use std::path::Path;
+
+/// Time of the sample \[s\].
+pub const TIME_S: &str = "time_s";
+/// Reference pressure sent to the valve (gauge) \[Pa\], held until the next row.
+pub const PRESSURE_REF_PA: &str = "pressure_ref_pa";
+/// Measured muscle pressure (gauge) \[Pa\].
+pub const PRESSURE_PA: &str = "pressure_pa";
+/// Measured contraction \[-\].
+pub const CONTRACTION: &str = "contraction";
+/// Measured muscle force \[N\].
+pub const FORCE_N: &str = "force_n";
+/// Finger displacement \[m\].
+pub const FINGER_M: &str = "finger_m";
+/// Finger force \[N\].
+pub const INPUT_FORCE_N: &str = "input_force_n";
+/// Measured supply pressure (gauge) \[Pa\].
+pub const SUPPLY_PA: &str = "supply_pa";
+/// Measured gas temperature \[K\].
+pub const TEMPERATURE_K: &str = "temperature_k";
+
+/// The known columns and the range that their values can have on any rig of this kind.
+const KNOWN: [(&str, f64, f64); 9] = [
+    (TIME_S, -1e12, 1e12),
+    (PRESSURE_REF_PA, -1e8, 1e8),
+    (PRESSURE_PA, -1e8, 1e8),
+    (CONTRACTION, -1.0, 1.0),
+    (FORCE_N, -1e6, 1e6),
+    (FINGER_M, -100.0, 100.0),
+    (INPUT_FORCE_N, -1e6, 1e6),
+    (SUPPLY_PA, -1e8, 1e8),
+    (TEMPERATURE_K, 1.0, 1e4),
+];
+
+/// One column.
+#[derive(Clone, Debug, PartialEq)]
+enum Cells {
+    /// A known quantity; NaN where a sample is missing.
+    Numbers(Vec<f64>),
+    /// Anything else.
+    Text(Vec<String>),
+}
+
+/// One run of one rig.
+#[derive(Clone, Debug)]
+pub struct Record {
+    file: String,
+    time_s: Vec<f64>,
+    /// Every column but the time, in the file's order; `None` stands where the time was.
+    columns: Vec<Option<(String, Cells)>>,
+}
+
+impl Record {
+    /// A record with times and nothing else.
+    ///
+    /// # Panics
+    /// If `time_s` is empty or does not rise: whoever makes a record has made its times.
+    pub fn new(time_s: Vec<f64>) -> Record {
+        assert!(!time_s.is_empty() && time_s.windows(2).all(|pair| pair[0] < pair[1]));
+        Record {
+            file: "record".into(),
+            time_s,
+            columns: vec![None],
+        }
+    }
+
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not a record: see [`Record::parse`].
+    pub fn read(path: &Path) -> Result<Record, BadInput> {
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path)
+            .map_err(|error| BadInput::file(&name, format!("a readable CSV file, {error}")))?;
+        Record::parse(&name, &bytes)
+    }
+
+    /// Reads a record from the bytes of the file `name`.
+    ///
+    /// # Errors
+    /// Anything that is not a record, with its line and column.
+    pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_reader(bytes);
+        let header = match reader.headers() {
+            Ok(header) => header.clone(),
+            Err(error) => return Err(not_csv(name, &error)),
+        };
+        let columns = columns(name, &header)?;
+        let mut record = Record {
+            file: name.into(),
+            time_s: Vec::new(),
+            columns,
+        };
+        let mut row = csv::StringRecord::new();
+        while reader
+            .read_record(&mut row)
+            .map_err(|error| not_csv(name, &error))?
+        {
+            let line = row.position().map_or(0, |position| position.line()) as usize;
+            record.push(line, &row)?;
+        }
+        if record.time_s.is_empty() {
+            return Err(BadInput {
+                line: Some(2),
+                ..BadInput::file(name, "at least one row of samples, found none")
+            });
+        }
+        Ok(record)
+    }
+
+    /// Adds a row that stands on `line`.
+    fn push(&mut self, line: usize, row: &csv::StringRecord) -> Result<(), BadInput> {
+        let first = self.time_s.is_empty();
+        let bad = |column: &str, expected: String| BadInput {
+            file: self.file.clone(),
+            line: Some(line),
+            place: Some(format!("column `{column}`")),
+            expected,
+        };
+        for (column, cell) in self.columns.iter_mut().zip(row) {
+            match column {
+                None => {
+                    let time_s = number(TIME_S, cell).map_err(|why| bad(TIME_S, why))?;
+                    let before_s = self.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+                    if time_s.is_nan() {
+                        return Err(bad(TIME_S, "a time in every row, found none".into()));
+                    }
+                    if time_s <= before_s {
+                        let why = format!("a time after {before_s}, found {time_s}");
+                        return Err(bad(TIME_S, why));
+                    }
+                    self.time_s.push(time_s);
+                }
+                Some((name, Cells::Numbers(values))) => {
+                    let value = number(name, cell).map_err(|why| bad(name, why))?;
+                    if first && name == PRESSURE_REF_PA && value.is_nan() {
+                        let why = "a reference in the first row, as it is held, found none";
+                        return Err(bad(name, why.into()));
+                    }
+                    values.push(value);
+                }
+                Some((_, Cells::Text(values))) => values.push(cell.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Times of the samples \[s\], rising.
+    pub fn time_s(&self) -> &[f64] {
+        &self.time_s
+    }
+
+    /// A known column's samples, NaN where one is missing; `None` if the record lacks it.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns
+            .iter()
+            .flatten()
+            .find_map(|(known, cells)| match cells {
+                Cells::Numbers(values) if known == name => Some(values.as_slice()),
+                _ => None,
+            })
+    }
+
+    /// As [`Record::column`].
+    ///
+    /// # Errors
+    /// The record lacks it.
+    pub fn require(&self, name: &str) -> Result<&[f64], BadInput> {
+        self.column(name)
+            .ok_or_else(|| self.bad(name, "this column, found none"))
+    }
+
+    /// Bad input in a column as a whole.
+    pub fn bad(&self, column: &str, expected: &str) -> BadInput {
+        BadInput {
+            place: Some(format!("column `{column}`")),
+            ..BadInput::file(&self.file, expected)
+        }
+    }
+
+    /// Puts a column of numbers in the place of the one of that name, or at the end.
+    ///
+    /// # Panics
+    /// If there is not one value a row.
+    pub fn set(&mut self, name: &str, values: Vec<f64>) {
+        assert_eq!(values.len(), self.time_s.len());
+        self.place(name, Cells::Numbers(values));
+    }
+
+    /// As [`Record::set`], of words.
+    ///
+    /// # Panics
+    /// If there is not one word a row.
+    pub fn set_text(&mut self, name: &str, values: Vec<String>) {
+        assert_eq!(values.len(), self.time_s.len());
+        self.place(name, Cells::Text(values));
+    }
+
+    fn place(&mut self, name: &str, cells: Cells) {
+        let mut columns = self.columns.iter_mut().flatten();
+        match columns.find(|(known, _)| known == name) {
+            Some(column) => column.1 = cells,
+            None => self.columns.push(Some((name.into(), cells))),
+        }
+    }
+
+    /// The record as CSV: the shortest decimals that read back as the same numbers.
+    pub fn to_csv(&self) -> Vec<u8> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        let names = self.columns.iter().map(|column| match column {
+            None => TIME_S,
+            Some((name, _)) => name,
+        });
+        let mut text = String::new();
+        let mut rows = csv::StringRecord::from_iter(names);
+        // Writing to memory cannot fail.
+        let _ = writer.write_record(&rows);
+        for (row, time_s) in self.time_s.iter().enumerate() {
+            rows.clear();
+            for column in &self.columns {
+                text.clear();
+                match column {
+                    None => text.push_str(&time_s.to_string()),
+                    Some((_, Cells::Numbers(values))) if values[row].is_nan() => {}
+                    Some((_, Cells::Numbers(values))) => text.push_str(&values[row].to_string()),
+                    Some((_, Cells::Text(values))) => text.push_str(&values[row]),
+                }
+                rows.push_field(&text);
+            }
+            let _ = writer.write_record(&rows);
+        }
+        writer.into_inner().unwrap_or_default()
+    }
+
+    /// Writes the record to `path`, whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), NotWritten> {
+        write_atomically(path, &self.to_csv())
+    }
+}
+
+/// The columns of a header, empty.
+fn columns(
+    file: &str,
+    header: &csv::StringRecord,
+) -> Result<Vec<Option<(String, Cells)>>, BadInput> {
+    let bad = |expected: String| BadInput {
+        line: Some(1),
+        ..BadInput::file(file, expected)
+    };
+    let mut columns: Vec<Option<(String, Cells)>> = Vec::new();
+    for (place, name) in header.iter().enumerate() {
+        if name.is_empty() {
+            return Err(bad(format!("a name for column {}, found none", place + 1)));
+        }
+        if header.iter().take(place).any(|before| before == name) {
+            return Err(bad(format!("each column once, found `{name}` again")));
+        }
+        columns.push(match name {
+            TIME_S => None,
+            _ if KNOWN.iter().any(|(known, ..)| *known == name) => {
+                Some((name.into(), Cells::Numbers(Vec::new())))
+            }
+            _ => Some((name.into(), Cells::Text(Vec::new()))),
+        });
+    }
+    if columns.iter().all(Option::is_some) {
+        return Err(bad(
+            "a header line with a column `time_s`, found none".into()
+        ));
+    }
+    Ok(columns)
+}
+
+/// A cell of a known column: a number in its range, or NaN for an empty one.
+fn number(column: &str, cell: &str) -> Result<f64, String> {
+    if cell.is_empty() {
+        return Ok(f64::NAN);
+    }
+    let range = KNOWN.iter().find(|(known, ..)| *known == column);
+    let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
+    match cell.parse::<f64>() {
+        Ok(value) if value >= *min && value <= *max => Ok(value),
+        Ok(value) if value.is_finite() => {
+            Err(format!("a number from {min} to {max}, found {cell}"))
+        }
+        _ => Err(format!("a number or an empty cell, found `{cell}`")),
+    }
+}
+
+/// What the CSV reader did not like.
+fn not_csv(file: &str, error: &csv::Error) -> BadInput {
+    let line = error.position().map(|position| position.line() as usize);
+    let expected = match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => {
+            format!("{expected_len} cells as in the header, found {len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => "text in UTF-8, found other bytes".into(),
+        _ => format!("CSV, {error}"),
+    };
+    BadInput {
+        line: Some(line.unwrap_or(1)),
+        ..BadInput::file(file, expected)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reads_what_it_wrote() {
+        let text = "note,contraction,time_s,pressure_pa\n\"a, b\",0.1,0,\n,,0.01,1e5\n";
+        let record = Record::parse("x.csv", text.as_bytes()).expect("a record");
+        assert_eq!(record.time_s(), [0.0, 0.01]);
+        let contraction = record.column(CONTRACTION).expect("the column");
+        assert!(contraction[0] == 0.1 && contraction[1].is_nan());
+        assert!(record.column("note").is_none());
+        let written = String::from_utf8(record.to_csv()).expect("text");
+        assert_eq!(
+            written,
+            "note,contraction,time_s,pressure_pa\n\"a, b\",0.1,0,\n,,0.01,100000\n"
+        );
+    }
+
+    #[test]
+    fn tolerates_a_byte_order_mark_and_other_line_ends() {
+        let record = Record::parse("x.csv", b"\xef\xbb\xbftime_s , contraction\r\n 0 , 0.1\r\n");
+        assert_eq!(
+            record.expect("a record").column(CONTRACTION),
+            Some(&[0.1][..])
+        );
+    }
+}

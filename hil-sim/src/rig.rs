@@ -1,0 +1,646 @@
+//! The rig: one muscle, its load, valve, air and lever, as `rig.toml` states them.
+
+use crate::effects::{self, EffectKind};
+use crate::error::BadInput;
+use model_core::assist::Assist;
+use model_core::muscle::{Muscle, Volume};
+use model_core::pressure::{AbsolutePa, GaugePa};
+use std::path::Path;
+use toml_edit::{Document, Item, TableLike, Value};
+
+/// The version of the format.
+const SCHEMA: i64 = 1;
+
+/// The weight of Eq 5.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weight {
+    /// M \[kg\].
+    pub mass_kg: f64,
+    /// C \[N·s/m\].
+    pub viscous_damping_ns_per_m: f64,
+    /// Friction as soon as it moves \[N\].
+    pub coulomb_friction_n: f64,
+    /// Friction that has to be exceeded at rest \[N\].
+    pub static_friction_n: f64,
+}
+
+/// What the muscle works on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Load {
+    /// A weight that hangs on it, with a stop at contraction 0.
+    Weight(Weight),
+    /// A bench that clamps or moves it: the contraction is an input.
+    Prescribed,
+}
+
+/// The servo valve and its supply.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Valve {
+    /// K_G of Eq 9 \[kg/(Pa·s)\].
+    pub flow_gain_kg_per_pa_s: f64,
+    /// P_s.
+    pub supply_pressure: GaugePa<f64>,
+}
+
+/// The air, its surroundings and the wall between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gas {
+    /// θ_a \[K\].
+    pub ambient_temperature_k: f64,
+    /// P_a.
+    pub atmospheric_pressure: AbsolutePa<f64>,
+    /// h while air flows in \[W/(m²·K)\].
+    pub heat_transfer_charging_w_per_m2_k: f64,
+    /// h otherwise \[W/(m²·K)\].
+    pub heat_transfer_discharging_w_per_m2_k: f64,
+}
+
+/// How well a nominal value is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tolerance {
+    /// The section of the value.
+    pub section: String,
+    /// The key of the value.
+    pub key: String,
+    /// Its relative standard deviation \[-\].
+    pub relative_sigma: f64,
+}
+
+/// An effect of the catalogue with its parameters.
+#[derive(Clone, Debug)]
+pub struct Effect {
+    /// Which one.
+    pub kind: &'static EffectKind,
+    /// The values of its parameters, in the catalogue's order.
+    pub values: Vec<f64>,
+}
+
+/// One rig. Sections that a use does not need may be absent.
+#[derive(Clone, Debug)]
+pub struct Rig {
+    file: String,
+    /// Where keys stand: `section.key` and the line.
+    lines: Vec<(String, usize)>,
+    /// Eq 1.
+    pub muscle: Muscle<f64>,
+    /// Eq 2.
+    pub volume: Option<Volume<f64>>,
+    /// Eq 5.
+    pub load: Load,
+    /// Eq 9.
+    pub valve: Option<Valve>,
+    /// Eqs 3 and 4.
+    pub gas: Option<Gas>,
+    /// Eqs 6 and 7.
+    pub assist: Option<Assist<f64>>,
+    /// What is not exact.
+    pub tolerances: Vec<Tolerance>,
+    /// What the nominal model leaves out.
+    pub effects: Vec<Effect>,
+}
+
+/// Limits of physics: section, key, smallest and largest value. What is at fault beyond them is
+/// the file, not the rig.
+const LIMITS: [(&str, &str, f64, f64); 22] = [
+    ("muscle", "alpha_m2", 1e-9, 10.0),
+    ("muscle", "beta_m2", -10.0, 0.0),
+    ("muscle", "gamma_n", -1e5, 1e5),
+    ("muscle", "volume_d1_m3", -10.0, 10.0),
+    ("muscle", "volume_d2_m3", -10.0, 10.0),
+    ("muscle", "volume_d3_m3", 1e-12, 10.0),
+    ("muscle", "initial_length_m", 1e-3, 100.0),
+    ("load", "mass_kg", 1e-3, 1e5),
+    ("load", "viscous_damping_ns_per_m", 0.0, 1e6),
+    ("load", "coulomb_friction_n", 0.0, 1e5),
+    ("load", "static_friction_n", 0.0, 1e5),
+    ("valve", "flow_gain_kg_per_pa_s", 1e-14, 1e-3),
+    ("valve", "supply_pressure_pa", 1.0, 1e8),
+    ("gas", "ambient_temperature_k", 150.0, 500.0),
+    ("gas", "atmospheric_pressure_pa", 1e3, 1e6),
+    ("gas", "heat_transfer_charging_w_per_m2_k", 0.0, 1e6),
+    ("gas", "heat_transfer_discharging_w_per_m2_k", 0.0, 1e6),
+    ("assist", "gain", 0.0, 1e4),
+    ("assist", "input_stiffness_n_per_m", 0.0, 1e6),
+    ("assist", "lever_length_m", 1e-3, 100.0),
+    ("assist", "pulley_diameter_m", 1e-3, 100.0),
+    ("tolerance", "", 0.0, 10.0),
+];
+
+/// Contractions over which the volume must be positive.
+const VOLUME_CONTRACTIONS: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
+
+impl Gas {
+    /// Air at 293 K and one atmosphere, the paper's heat transfer: for rigs whose use needs no more
+    /// of the air than its pressure.
+    pub const STANDARD: Gas = Gas {
+        ambient_temperature_k: 293.0,
+        atmospheric_pressure: AbsolutePa(101_325.0),
+        heat_transfer_charging_w_per_m2_k: 120.0,
+        heat_transfer_discharging_w_per_m2_k: 80.0,
+    };
+}
+
+impl Rig {
+    /// The paper's rig, commented: what `hil-sim rig new` writes.
+    pub const REFERENCE_TOML: &'static str = include_str!("reference_rig.toml");
+
+    /// The paper's rig.
+    ///
+    /// # Panics
+    /// Never: a test reads the embedded file.
+    pub fn reference() -> Rig {
+        Rig::parse("rig.toml", Rig::REFERENCE_TOML).expect("the embedded rig is valid")
+    }
+
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not a rig: see [`Rig::parse`].
+    pub fn read(path: &Path) -> Result<Rig, BadInput> {
+        let name = path.display().to_string();
+        let text = std::fs::read(path)
+            .map_err(|error| BadInput::file(&name, format!("a readable TOML file, {error}")))?;
+        let text = String::from_utf8(text)
+            .map_err(|_| BadInput::file(&name, "text in UTF-8, found other bytes"))?;
+        Rig::parse(&name, &text)
+    }
+
+    /// Reads a rig from the text of the file `name`.
+    ///
+    /// # Errors
+    /// Anything that is not a rig, with its line and key: a wrong type, an unknown key, a value
+    /// outside physics.
+    pub fn parse(name: &str, text: &str) -> Result<Rig, BadInput> {
+        let document = Document::parse(text).map_err(|error| BadInput {
+            file: name.into(),
+            line: error.span().map(|span| line_of(text, span.start)),
+            place: None,
+            expected: format!("TOML, {}", error.message()),
+        })?;
+        let file = File { name, text };
+        let rig = file.rig(document.as_table())?;
+        rig.check()?;
+        Ok(rig)
+    }
+
+    /// Relations between values.
+    fn check(&self) -> Result<(), BadInput> {
+        let muscle = &self.muscle;
+        if muscle.alpha_m2 + muscle.beta_m2 <= 0.0 {
+            let found = format!(
+                "more than -alpha_m2 = {}, so that the muscle pulls at rest, found {}",
+                -muscle.alpha_m2, muscle.beta_m2
+            );
+            return Err(self.bad("muscle.beta_m2", &found));
+        }
+        if let Some(volume) = &self.volume {
+            for contraction in VOLUME_CONTRACTIONS {
+                let volume_m3 = volume.volume_m3(contraction);
+                if volume_m3 <= 0.0 {
+                    let found = format!(
+                        "a volume above 0, found {volume_m3:e} m³ at contraction {contraction}"
+                    );
+                    return Err(self.bad("muscle.volume_d1_m3", &found));
+                }
+            }
+        }
+        if let Load::Weight(weight) = &self.load {
+            let (coulomb_n, static_n) = (weight.coulomb_friction_n, weight.static_friction_n);
+            if static_n < coulomb_n {
+                let found = format!("at least coulomb_friction_n = {coulomb_n}, found {static_n}");
+                return Err(self.bad("load.static_friction_n", &found));
+            }
+        }
+        Ok(())
+    }
+
+    /// Bad input at `section.key`, with its line where the key stands in the file.
+    pub fn bad(&self, key: &str, expected: &str) -> BadInput {
+        let mut lines = self.lines.iter();
+        BadInput {
+            file: self.file.clone(),
+            line: lines.find(|(known, _)| known == key).map(|(_, line)| *line),
+            place: Some(format!("key `{key}`")),
+            expected: expected.into(),
+        }
+    }
+
+    fn missing(&self, key: &str, what: &str) -> BadInput {
+        self.bad(key, &format!("{what}, found none"))
+    }
+
+    /// The valve.
+    ///
+    /// # Errors
+    /// The rig has none.
+    pub fn require_valve(&self) -> Result<&Valve, BadInput> {
+        let what = "this section, as the record's `pressure_ref_pa` asks for a valve";
+        self.valve
+            .as_ref()
+            .ok_or_else(|| self.missing("valve", what))
+    }
+
+    /// The air.
+    ///
+    /// # Errors
+    /// The rig has none.
+    pub fn require_gas(&self) -> Result<&Gas, BadInput> {
+        let what = "this section, as the pressure is simulated";
+        self.gas.as_ref().ok_or_else(|| self.missing("gas", what))
+    }
+
+    /// Eq 2.
+    ///
+    /// # Errors
+    /// The rig has no volume.
+    pub fn require_volume(&self) -> Result<&Volume<f64>, BadInput> {
+        let what = "the volume, as the pressure is simulated";
+        let volume = self.volume.as_ref();
+        volume.ok_or_else(|| self.missing("muscle.volume_d1_m3", what))
+    }
+
+    /// The lever and the assist law.
+    ///
+    /// # Errors
+    /// The rig has none.
+    pub fn require_assist(&self) -> Result<&Assist<f64>, BadInput> {
+        let what = "this section, as the assist is simulated";
+        self.assist
+            .as_ref()
+            .ok_or_else(|| self.missing("assist", what))
+    }
+}
+
+fn line_of(text: &str, offset: usize) -> usize {
+    let before = text.as_bytes().iter().take(offset);
+    1 + before.filter(|byte| **byte == b'\n').count()
+}
+
+/// A rig file while it is read.
+struct File<'a> {
+    name: &'a str,
+    text: &'a str,
+}
+
+/// One table of the file and where it stands.
+struct Section<'a> {
+    file: &'a File<'a>,
+    /// Its name; empty for the whole file.
+    name: String,
+    table: &'a dyn TableLike,
+    line: Option<usize>,
+}
+
+impl<'a> Section<'a> {
+    fn key(&self, key: &str) -> String {
+        match self.name.as_str() {
+            "" => key.into(),
+            name => format!("{name}.{key}"),
+        }
+    }
+
+    /// The line of `key`, or of the section where it is missing.
+    fn line(&self, key: &str) -> Option<usize> {
+        let span = self.table.get_key_value(key).and_then(|(key, item)| {
+            // Keys of tables in brackets carry their span in the table.
+            key.span().or_else(|| item.span())
+        });
+        let line = span.map(|span| line_of(self.file.text, span.start));
+        line.or(self.line)
+    }
+
+    fn bad(&self, key: &str, expected: impl Into<String>) -> BadInput {
+        BadInput {
+            file: self.file.name.into(),
+            line: self.line(key),
+            place: Some(format!("key `{}`", self.key(key))),
+            expected: expected.into(),
+        }
+    }
+
+    /// Refuses every key that is not `known`.
+    fn only(&self, known: &[&str]) -> Result<(), BadInput> {
+        match self.table.iter().find(|(key, _)| !known.contains(key)) {
+            None => Ok(()),
+            Some((key, _)) => Err(self.bad(
+                key,
+                format!("one of the keys {}, found this", known.join(", ")),
+            )),
+        }
+    }
+
+    /// A number, if the key is there.
+    fn optional(&self, key: &str, min: f64, max: f64) -> Result<Option<f64>, BadInput> {
+        let Some(item) = self.table.get(key) else {
+            return Ok(None);
+        };
+        let value = match item {
+            Item::Value(Value::Float(value)) => *value.value(),
+            Item::Value(Value::Integer(value)) => *value.value() as f64,
+            other => return Err(self.bad(key, format!("a number, found {}", kind_of(other)))),
+        };
+        if value >= min && value <= max {
+            return Ok(Some(value));
+        }
+        Err(self.bad(
+            key,
+            format!("a number from {min:e} to {max:e}, found {value}"),
+        ))
+    }
+
+    /// A number within the limits of physics.
+    fn number(&self, key: &str) -> Result<f64, BadInput> {
+        let mut limits = LIMITS.iter();
+        let limit = limits.find(|(section, known, ..)| *section == self.name && *known == key);
+        let (.., min, max) = limit.unwrap_or(&("", "", f64::MIN, f64::MAX));
+        self.optional(key, *min, *max)?
+            .ok_or_else(|| self.bad(key, "a number, found no such key"))
+    }
+
+    fn word(&self, key: &str) -> Result<&'a str, BadInput> {
+        match self.table.get(key) {
+            Some(Item::Value(Value::String(value))) => Ok(value.value()),
+            Some(other) => Err(self.bad(key, format!("a string, found {}", kind_of(other)))),
+            None => Err(self.bad(key, "a string, found no such key")),
+        }
+    }
+
+    /// The table under `key`.
+    fn section(&self, key: &str) -> Result<Option<Section<'a>>, BadInput> {
+        match self.table.get(key) {
+            None => Ok(None),
+            Some(item) => match item.as_table_like() {
+                None => Err(self.bad(key, format!("a section, found {}", kind_of(item)))),
+                Some(table) => Ok(Some(Section {
+                    file: self.file,
+                    name: self.key(key),
+                    table,
+                    line: self.line(key),
+                })),
+            },
+        }
+    }
+}
+
+fn kind_of(item: &Item) -> &'static str {
+    match item {
+        Item::Table(_) | Item::Value(Value::InlineTable(_)) => "a section",
+        other => other.type_name(),
+    }
+}
+
+/// The keys of a section that have limits.
+fn keys_of(section: &str) -> Vec<&'static str> {
+    let limits = LIMITS.iter().filter(|(known, ..)| *known == section);
+    limits.map(|(_, key, ..)| *key).collect()
+}
+
+impl<'a> File<'a> {
+    fn rig(&'a self, table: &'a dyn TableLike) -> Result<Rig, BadInput> {
+        let root = Section {
+            file: self,
+            name: String::new(),
+            table,
+            line: None,
+        };
+        root.only(&[
+            "schema",
+            "muscle",
+            "load",
+            "valve",
+            "gas",
+            "assist",
+            "tolerance",
+            "effect",
+        ])?;
+        match root.optional("schema", f64::MIN, f64::MAX)? {
+            Some(schema) if schema == SCHEMA as f64 => {}
+            Some(schema) => {
+                return Err(root.bad("schema", format!("{SCHEMA}, found {schema}")));
+            }
+            None => return Err(root.bad("schema", format!("{SCHEMA}, found no such key"))),
+        }
+        let required = |key: &str| {
+            let section = root.section(key)?;
+            section.ok_or_else(|| root.bad(key, "this section, found none"))
+        };
+        let mut lines = Vec::new();
+        for (section, item) in root.table.iter() {
+            if let (Some(section), true) =
+                (root.section(section).ok().flatten(), item.is_table_like())
+            {
+                let keys = section.table.iter();
+                lines.extend(
+                    keys.filter_map(|(key, _)| Some((section.key(key), section.line(key)?))),
+                );
+                lines.extend(section.line.map(|line| (section.name.clone(), line)));
+            }
+        }
+        let (muscle, volume) = muscle(&required("muscle")?)?;
+        Ok(Rig {
+            file: self.name.into(),
+            lines,
+            muscle,
+            volume,
+            load: load(&required("load")?)?,
+            valve: root
+                .section("valve")?
+                .map(|section| valve(&section))
+                .transpose()?,
+            gas: root
+                .section("gas")?
+                .map(|section| gas(&section))
+                .transpose()?,
+            assist: root
+                .section("assist")?
+                .map(|section| assist(&section))
+                .transpose()?,
+            tolerances: tolerances(&root)?,
+            effects: all_effects(&root)?,
+        })
+    }
+}
+
+fn muscle(section: &Section) -> Result<(Muscle<f64>, Option<Volume<f64>>), BadInput> {
+    section.only(&keys_of("muscle"))?;
+    let muscle = Muscle {
+        alpha_m2: section.number("alpha_m2")?,
+        beta_m2: section.number("beta_m2")?,
+        gamma_n: section.number("gamma_n")?,
+        initial_length_m: section.number("initial_length_m")?,
+    };
+    // A bench whose pressure is measured needs no volume.
+    let keys = ["volume_d1_m3", "volume_d2_m3", "volume_d3_m3"];
+    if !keys.iter().any(|key| section.table.contains_key(key)) {
+        return Ok((muscle, None));
+    }
+    let [d1_m3, d2_m3, d3_m3] = keys.map(|key| section.number(key));
+    let volume = Volume {
+        d1_m3: d1_m3?,
+        d2_m3: d2_m3?,
+        d3_m3: d3_m3?,
+    };
+    Ok((muscle, Some(volume)))
+}
+
+fn load(section: &Section) -> Result<Load, BadInput> {
+    let keys = keys_of("load");
+    section.only(&[&["kind"], keys.as_slice()].concat())?;
+    match section.word("kind")? {
+        "prescribed" => {
+            // A weight's keys may stay in the file while the muscle is on the bench.
+            for key in keys
+                .into_iter()
+                .filter(|key| section.table.contains_key(key))
+            {
+                section.number(key)?;
+            }
+            Ok(Load::Prescribed)
+        }
+        "weight" => Ok(Load::Weight(Weight {
+            mass_kg: section.number("mass_kg")?,
+            viscous_damping_ns_per_m: section.number("viscous_damping_ns_per_m")?,
+            coulomb_friction_n: section.number("coulomb_friction_n")?,
+            static_friction_n: section.number("static_friction_n")?,
+        })),
+        other => {
+            let expected = format!("\"weight\" or \"prescribed\", found \"{other}\"");
+            Err(section.bad("kind", expected))
+        }
+    }
+}
+
+fn valve(section: &Section) -> Result<Valve, BadInput> {
+    section.only(&keys_of("valve"))?;
+    Ok(Valve {
+        flow_gain_kg_per_pa_s: section.number("flow_gain_kg_per_pa_s")?,
+        supply_pressure: GaugePa(section.number("supply_pressure_pa")?),
+    })
+}
+
+fn gas(section: &Section) -> Result<Gas, BadInput> {
+    section.only(&keys_of("gas"))?;
+    Ok(Gas {
+        ambient_temperature_k: section.number("ambient_temperature_k")?,
+        atmospheric_pressure: AbsolutePa(section.number("atmospheric_pressure_pa")?),
+        heat_transfer_charging_w_per_m2_k: section.number("heat_transfer_charging_w_per_m2_k")?,
+        heat_transfer_discharging_w_per_m2_k: section
+            .number("heat_transfer_discharging_w_per_m2_k")?,
+    })
+}
+
+fn assist(section: &Section) -> Result<Assist<f64>, BadInput> {
+    section.only(&keys_of("assist"))?;
+    Ok(Assist {
+        gain: section.number("gain")?,
+        input_stiffness_n_per_m: section.number("input_stiffness_n_per_m")?,
+        lever_length_m: section.number("lever_length_m")?,
+        pulley_diameter_m: section.number("pulley_diameter_m")?,
+    })
+}
+
+fn tolerances(root: &Section) -> Result<Vec<Tolerance>, BadInput> {
+    let Some(all) = root.section("tolerance")? else {
+        return Ok(Vec::new());
+    };
+    all.only(&["muscle", "load", "valve", "gas"])?;
+    let mut tolerances = Vec::new();
+    for (name, _) in all.table.iter() {
+        let Some(section) = all.section(name)? else {
+            continue;
+        };
+        section.only(&keys_of(name))?;
+        for (key, _) in section.table.iter() {
+            if let Some(relative_sigma) = section.optional(key, 0.0, 10.0)? {
+                tolerances.push(Tolerance {
+                    section: name.into(),
+                    key: key.into(),
+                    relative_sigma,
+                });
+            }
+        }
+    }
+    Ok(tolerances)
+}
+
+fn all_effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
+    let Some(item) = root.table.get("effect") else {
+        return Ok(Vec::new());
+    };
+    let Some(tables) = item.as_array_of_tables() else {
+        let expected = format!("sections in double brackets, found {}", kind_of(item));
+        return Err(root.bad("effect", expected));
+    };
+    let mut effects = Vec::new();
+    for table in tables {
+        let section = Section {
+            file: root.file,
+            name: "effect".into(),
+            table,
+            line: table.span().map(|span| line_of(root.file.text, span.start)),
+        };
+        let name = section.word("name")?;
+        let Some(kind) = effects::find(name) else {
+            let known: Vec<_> = effects::CATALOGUE.iter().map(|kind| kind.name).collect();
+            let expected = format!("one of {}, found \"{name}\"", known.join(", "));
+            return Err(section.bad("name", expected));
+        };
+        let keys: Vec<_> = kind
+            .parameters
+            .iter()
+            .map(|parameter| parameter.name)
+            .collect();
+        section.only(&[&["name"], keys.as_slice()].concat())?;
+        let mut values = Vec::new();
+        for parameter in kind.parameters {
+            let value = section.optional(parameter.name, parameter.min, parameter.max)?;
+            let missing = || {
+                section.bad(
+                    parameter.name,
+                    format!("a number [{}], found no such key", parameter.unit),
+                )
+            };
+            values.push(value.ok_or_else(missing)?);
+        }
+        effects.push(Effect { kind, values });
+    }
+    Ok(effects)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reference_rig_is_complete() {
+        let rig = Rig::reference();
+        assert!(rig.require_valve().is_ok() && rig.require_gas().is_ok());
+        assert!(rig.require_volume().is_ok() && rig.require_assist().is_ok());
+        assert!(matches!(rig.load, Load::Weight(weight) if weight.mass_kg == 12.0));
+    }
+
+    #[test]
+    fn errors_name_the_line_of_the_key() {
+        let text = Rig::REFERENCE_TOML.replace("mass_kg = 12.0", "mass_kg = -12.0");
+        let error = Rig::parse("rig.toml", &text).expect_err("a negative mass");
+        let line = text
+            .lines()
+            .position(|line| line.starts_with("mass_kg"))
+            .map(|line| line + 1);
+        assert_eq!(error.line, line);
+        assert!(
+            error
+                .to_string()
+                .contains("key `load.mass_kg`: expected a number from")
+        );
+    }
+
+    #[test]
+    fn effects_come_with_their_values() {
+        let text = Rig::REFERENCE_TOML.to_owned()
+            + "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 4e-9\n";
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        assert_eq!(rig.effects[0].kind.name, "leak");
+        assert_eq!(rig.effects[0].values, [4e-9]);
+    }
+}

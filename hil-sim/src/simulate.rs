@@ -1,0 +1,218 @@
+//! Runs the plant from a record's inputs alone, on the record's times.
+
+use crate::error::BadInput;
+use crate::initial;
+use crate::plant::sensors::Reading;
+use crate::plant::simulation::{Initial, Simulation, SimulationError};
+use crate::plant::{Drive, Plant, Ramp, Simulated};
+use crate::record::{self, Record};
+use crate::rig::{Load, Rig};
+use model_core::pressure::GaugePa;
+
+/// Why a record was not simulated.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Rig or record do not fit.
+    #[error(transparent)]
+    Input(#[from] BadInput),
+    /// The plant left physics.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+}
+
+/// What comes in, row by row: measured signals turned into the truth at their place, gaps filled.
+pub(crate) struct Inputs<'a> {
+    pub time_s: &'a [f64],
+    pub simulated: Simulated,
+    /// Reference pressure (gauge) \[Pa\], held from its row; empty if the pressure is an input.
+    reference_pa: Vec<f64>,
+    /// Contraction \[-\], linear between rows; empty if it is simulated.
+    contraction: Vec<f64>,
+    /// Pressure in the muscle (gauge) \[Pa\], linear between rows; empty if it is simulated.
+    pressure_pa: Vec<f64>,
+    /// Supply pressure (gauge) \[Pa\], linear between rows; empty if it was not measured.
+    supply_pa: Vec<f64>,
+}
+
+/// The difference quotient of `values` between a row and the next; 0 in the last and in none.
+fn slope(time_s: &[f64], values: &[f64], row: usize) -> f64 {
+    match (values.get(row), values.get(row + 1)) {
+        (Some(begin), Some(end)) => (end - begin) / (time_s[row + 1] - time_s[row]),
+        _ => 0.0,
+    }
+}
+
+impl<'a> Inputs<'a> {
+    /// The inputs that `record` has for `rig`.
+    pub fn new(rig: &Rig, record: &'a Record) -> Result<Self, BadInput> {
+        let simulated = Simulated {
+            pressure: record.column(record::PRESSURE_REF_PA).is_some(),
+            motion: matches!(rig.load, Load::Weight(_)),
+        };
+        let plant = Plant::new(rig, simulated)?;
+        let time_s = record.time_s();
+        let mut inputs = Inputs {
+            time_s,
+            simulated,
+            reference_pa: Vec::new(),
+            contraction: Vec::new(),
+            pressure_pa: Vec::new(),
+            supply_pa: Vec::new(),
+        };
+        let truth = |row: usize, pressure_pa: f64, contraction: f64| {
+            let reading = Reading {
+                pressure: GaugePa(pressure_pa),
+                contraction,
+                force_n: 0.0,
+            };
+            plant.sensors.truth(time_s[row], reading)
+        };
+        if simulated.pressure {
+            inputs.reference_pa = held(record.require(record::PRESSURE_REF_PA)?);
+        } else {
+            let measured = filled(record, record::PRESSURE_PA)?;
+            let values = measured.iter().enumerate();
+            inputs.pressure_pa = values
+                .map(|(row, p)| truth(row, *p, 0.0).pressure.0)
+                .collect();
+        }
+        if !simulated.motion {
+            let measured = filled(record, record::CONTRACTION)?;
+            let values = measured.iter().enumerate();
+            inputs.contraction = values
+                .map(|(row, c)| truth(row, 0.0, *c).contraction)
+                .collect();
+        }
+        if simulated.pressure && record.column(record::SUPPLY_PA).is_some() {
+            inputs.supply_pa = filled(record, record::SUPPLY_PA)?;
+        }
+        Ok(inputs)
+    }
+
+    /// The drive from `row` to the next.
+    pub fn drive(&self, row: usize) -> Drive {
+        Drive {
+            reference: GaugePa(self.reference_pa.get(row).copied().unwrap_or(0.0)),
+            contraction_rate_per_s: slope(self.time_s, &self.contraction, row),
+            pressure_rate_pa_per_s: slope(self.time_s, &self.pressure_pa, row),
+            supply: self.supply_pa.get(row).map(|value| Ramp {
+                start_s: self.time_s[row],
+                value: *value,
+                rate_per_s: slope(self.time_s, &self.supply_pa, row),
+            }),
+        }
+    }
+
+    /// The prescribed contraction at `row`, if it is an input.
+    pub fn contraction(&self, row: usize) -> Option<f64> {
+        self.contraction.get(row).copied()
+    }
+
+    /// The prescribed pressure at `row`, if it is an input.
+    pub fn pressure(&self, row: usize) -> Option<GaugePa<f64>> {
+        self.pressure_pa.get(row).copied().map(GaugePa)
+    }
+
+    /// Runs `rig` from `initial` over the first `rows` rows; `visit` gets each row's simulation.
+    pub fn run(
+        &self,
+        plant: Plant,
+        initial: &Initial,
+        tolerance: f64,
+        rows: usize,
+        mut visit: impl FnMut(usize, &Simulation),
+    ) -> Result<(), SimulationError> {
+        let mut simulation = Simulation::new(plant, initial, &self.drive(0), tolerance);
+        for row in 0..rows {
+            let drive = self.drive(row);
+            // Inputs are set anew at each row, so that rounding does not add up.
+            if let Some(contraction) = self.contraction(row) {
+                simulation.prescribe_contraction(contraction, drive.contraction_rate_per_s);
+            }
+            if let Some(pressure) = self.pressure(row) {
+                simulation.prescribe_pressure(pressure);
+            }
+            visit(row, &simulation);
+            if row + 1 < rows {
+                simulation.advance(&drive, self.time_s[row + 1])?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// `values` with each missing sample replaced by the last present one.
+fn held(values: &[f64]) -> Vec<f64> {
+    let mut last = 0.0;
+    let hold = |value: &f64| {
+        if !value.is_nan() {
+            last = *value;
+        }
+        last
+    };
+    values.iter().map(hold).collect()
+}
+
+/// A column with missing samples replaced on the line between their neighbours, held at the ends.
+fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
+    let (time_s, values) = (record.time_s(), record.require(name)?);
+    let mut filled = values.to_vec();
+    let mut present = (0..values.len())
+        .filter(|row| !values[*row].is_nan())
+        .peekable();
+    let Some(first) = present.peek().copied() else {
+        return Err(record.bad(name, "at least one sample, as it is an input"));
+    };
+    filled[..first].fill(values[first]);
+    while let Some(from) = present.next() {
+        let to = present.peek().copied();
+        for row in from + 1..to.unwrap_or(values.len()) {
+            filled[row] = match to {
+                None => values[from],
+                Some(to) => {
+                    let share = (time_s[row] - time_s[from]) / (time_s[to] - time_s[from]);
+                    values[from] + share * (values[to] - values[from])
+                }
+            };
+        }
+    }
+    Ok(filled)
+}
+
+/// Simulates `rig` on the times of `record` from its inputs alone: the same columns, with pressure,
+/// contraction and force as the rig's sensors would read them, without noise.
+///
+/// With `pressure_ref_pa` the valve and the gas are simulated, else the measured pressure is an
+/// input; a prescribed load takes the measured contraction as an input. The initial state comes
+/// from the record's first second ([`initial::estimate`]).
+///
+/// # Errors
+/// Rig and record do not fit together, or the plant has no solution.
+pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, Error> {
+    let inputs = Inputs::new(rig, record)?;
+    let initial = initial::estimate(rig, record, &inputs)?;
+    let rows = record.time_s().len();
+    let mut columns = [(); 4].map(|()| Vec::with_capacity(rows));
+    let plant = Plant::new(rig, inputs.simulated)?;
+    inputs.run(plant, &initial, tolerance, rows, |_, simulation| {
+        let reading = simulation.read();
+        let values = [
+            reading.pressure.0,
+            reading.contraction,
+            reading.force_n,
+            simulation.temperature_k(),
+        ];
+        for (column, value) in columns.iter_mut().zip(values) {
+            column.push(value);
+        }
+    })?;
+    let mut simulated = record.clone();
+    let [pressure_pa, contraction, force_n, temperature_k] = columns;
+    simulated.set(record::PRESSURE_PA, pressure_pa);
+    simulated.set(record::CONTRACTION, contraction);
+    simulated.set(record::FORCE_N, force_n);
+    if inputs.simulated.pressure && record.column(record::TEMPERATURE_K).is_some() {
+        simulated.set(record::TEMPERATURE_K, temperature_k);
+    }
+    Ok(simulated)
+}
