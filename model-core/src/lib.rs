@@ -2,10 +2,38 @@
 //!
 //! One crate, the same code on the microcontroller (`f32`) and in the simulator (`f64`): it
 //! allocates nothing, logs nothing, never panics, and knows no hardware.
+//!
+//! One tick, every 10 ms ([`controller::Controller::tick`] is the page to read first):
+//!
+//! ```text
+//! counts ─ signal ─ F_b, P, ε ─ supervisor ─ mode ─┐
+//!                    │                             ├─ P_r, limited ─ signal ─ DAC counts
+//!                    └─ assist (Eq 7) ─ reference (Eq 8)
+//! ```
+//!
+//! Arithmetic is plain: + − × ÷, comparisons and conversions, all of which IEEE 754 defines to the
+//! bit, so that a record replays on the PC exactly as it ran on the board.
 #![cfg_attr(not(test), no_std)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::expect_used,
+        clippy::indexing_slicing,
+        clippy::panic,
+        clippy::unwrap_used
+    )
+)]
 
 pub mod assist;
+pub mod controller;
+pub mod error;
+pub mod frame;
+pub mod limits;
 pub mod muscle;
+pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod settings;
+pub mod signal;
+pub mod supervisor;
 pub mod valve;

@@ -6,7 +6,7 @@ use crate::pressure::GaugePa;
 use num_traits::float::FloatCore;
 
 /// The constants of one muscle's force, of the paper's Eq 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Muscle<T> {
     /// α \[m²\]: force per pressure that vanishes with full contraction.
     pub alpha_m2: T,
@@ -19,7 +19,7 @@ pub struct Muscle<T> {
 }
 
 /// The constants of one muscle's volume, of the paper's Eq 2.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Volume<T> {
     /// D₁ \[m³\].
     pub d1_m3: T,

@@ -1,0 +1,356 @@
+//! One tick of the power assist: the page to read first.
+//!
+//! Sensors come in as counts, the valve's command goes out as counts, and everything between is
+//! here: analyse what was read, decide the mode, then act. Settings are read-only, the state is
+//! small and visible, and nothing else enters: the same settings, state and sensors give the same
+//! output, on the board and on the PC.
+//!
+//! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
+
+use crate::frame::{Output, Sensors};
+use crate::plausibility::{Bounds, Verdict, Watch};
+use crate::pressure::GaugePa;
+use crate::reference::reference_pressure;
+use crate::settings::{Settings, SettingsValues, TICK_S};
+use crate::signal::{AdcCount, COUNT_MAX, EncoderCount};
+use crate::supervisor::{Decision, Fault, Findings, Mode, decide};
+
+/// An ADC reading this close to an end of the scale is a wire's fault.
+const RAIL_COUNTS: u16 = 16;
+/// Counts that an encoder at rest may flicker by.
+const FLICKER_COUNTS: u32 = 2;
+/// Ticks after which a vented valve has emptied the muscle, whatever the pressure sensor says.
+const EMPTIED_TICKS: u16 = 500;
+
+/// What a controller remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// The mode, and for how many ticks (it saturates).
+    pub mode: Mode,
+    /// Ticks in this mode.
+    pub mode_ticks: u16,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// P_r \[Pa\] as commanded by the last tick.
+    pub pressure_ref_pa: f32,
+    /// The reference has met the assist law: from then on it may move fast.
+    pub engaged: bool,
+    /// Holding only until a suspect reading is good again.
+    pub bridging: bool,
+    /// The bridge's reading without a finger \[N\].
+    pub tare_n: f32,
+    /// The encoder's count at the stop, ε = 0.
+    pub home: EncoderCount,
+    /// Undisturbed ticks of the self-check, and the sum of the bridge's readings \[N\] over them.
+    pub window_ticks: u16,
+    /// See `window_ticks`.
+    pub window_sum_n: f32,
+    /// The pressure \[Pa\] when the encoder counted last.
+    pub pressure_at_count_pa: f32,
+    /// The strain-gauge bridge \[N\].
+    pub bridge: Watch,
+    /// The pressure sensor \[Pa\].
+    pub pressure: Watch,
+    /// The encoder \[m\] from home.
+    pub encoder: Watch,
+}
+
+/// The controller: settings and state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Controller {
+    settings: Settings,
+    state: State,
+}
+
+impl Controller {
+    /// A controller that begins with its self-check.
+    pub fn new(settings: Settings) -> Controller {
+        Controller {
+            settings,
+            state: State::default(),
+        }
+    }
+
+    /// One tick, to be called every 10 ms: reads `sensors`, returns the valve's command.
+    ///
+    /// Takes a bounded time without loops over data, never panics, and whatever comes in commands
+    /// a pressure between zero and the settings' limit. A tick that is missed is to be reported
+    /// with the next one.
+    pub fn tick(&mut self, sensors: &Sensors) -> Output {
+        tick(&self.settings, &mut self.state, sensors)
+    }
+
+    /// What it remembers.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Its settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+}
+
+/// See [`Controller::tick`].
+pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
+    let values = settings.values();
+    let ticks = 1.0 + sensors.missed_ticks as f32;
+
+    // Analyse: what the sensors say, and whether to believe them.
+    let (mut next, verdicts) = sense(values, state, sensors, ticks);
+    let unready = watch_window(values, &mut next, &verdicts, sensors);
+    let contraction = next.encoder.value() / values.muscle.initial_length_m;
+    let findings = findings(values, &next, &verdicts, contraction, unready, sensors);
+
+    // Decide: the analysis is complete, nothing above this line has had an effect.
+    *state = next;
+    match decide(values, state.mode, &findings) {
+        Decision::Stay => state.mode_ticks = state.mode_ticks.saturating_add(1),
+        Decision::Go(mode) => enter(values, state, mode),
+        Decision::Bridge => {
+            enter(values, state, Mode::Holding);
+            state.bridging = true;
+        }
+        Decision::Fail(fault) => {
+            state.fault = Some(fault);
+            enter(values, state, Mode::Venting);
+        }
+    }
+
+    // Act: the one thing that leaves is the valve's command.
+    let finger_force_n = limited(
+        state.bridge.value() - state.tare_n,
+        values.finger_force_n_max,
+    );
+    let reference_force_n = values.gain * finger_force_n;
+    state.pressure_ref_pa =
+        next_reference_pa(settings, state, reference_force_n, contraction, ticks);
+    let pressure_ref = GaugePa(state.pressure_ref_pa);
+    Output {
+        valve: values.valve_drive.count(pressure_ref),
+        mode: state.mode,
+        fault: state.fault,
+        pressure_ref,
+        finger_force_n,
+        reference_force_n,
+        contraction,
+        pressure: GaugePa(state.pressure.value()),
+    }
+}
+
+/// What is thought of the bridge, the pressure sensor and the encoder.
+type Verdicts = [Verdict; 3];
+
+/// The state with the sensors' new readings, and what is thought of them.
+fn sense(
+    values: &SettingsValues,
+    state: &State,
+    sensors: &Sensors,
+    ticks: f32,
+) -> (State, Verdicts) {
+    let mut next = *state;
+    let bounds = |count: AdcCount, step_max: f32| Bounds {
+        at_rail: count.0 < RAIL_COUNTS || count.0 > COUNT_MAX - RAIL_COUNTS,
+        at_standstill: false,
+        step_max,
+        stuck_ticks: values.stuck_ticks,
+        suspect_ticks: values.suspect_ticks,
+        ticks,
+    };
+    let (count, bridge_n) = (sensors.bridge, values.bridge.value(sensors.bridge));
+    let bridge_bounds = bounds(count, values.bridge_step_n_max);
+    let (bridge, bridge_verdict) = state.bridge.next(count.0.into(), bridge_n, &bridge_bounds);
+
+    let (count, pressure_pa) = (
+        sensors.pressure,
+        values.pressure_sensor.value(sensors.pressure),
+    );
+    let pressure_bounds = bounds(count, values.pressure_step_pa_max);
+    let (pressure, pressure_verdict) =
+        state
+            .pressure
+            .next(count.0.into(), pressure_pa, &pressure_bounds);
+
+    let travel = sensors.encoder.since(state.home);
+    let travel_m = travel as f32 * values.encoder_m_per_count;
+    let counted = state.encoder.moves(sensors.encoder.0);
+    let at_stop = travel.unsigned_abs() <= FLICKER_COUNTS;
+    let encoder_bounds = Bounds {
+        at_rail: false,
+        at_standstill: !counted && stands_still(values, state, pressure.value(), at_stop),
+        step_max: values.encoder_step_m_max,
+        stuck_ticks: 0,
+        suspect_ticks: values.suspect_ticks,
+        ticks,
+    };
+    let (encoder, encoder_verdict) =
+        state
+            .encoder
+            .next(sensors.encoder.0, travel_m, &encoder_bounds);
+    if counted || state.mode == Mode::SelfCheck {
+        next.pressure_at_count_pa = pressure.value();
+    }
+    next.bridge = bridge;
+    next.pressure = pressure;
+    next.encoder = encoder;
+    (next, [bridge_verdict, pressure_verdict, encoder_verdict])
+}
+
+/// True where the pressure has changed by more than static friction can hold without a count from
+/// the encoder. On its stop the weight rests until it is lifted.
+fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, at_stop: bool) -> bool {
+    if at_stop {
+        return pressure_pa > values.lift_pressure_pa_max + values.encoder_stuck_pa;
+    }
+    let change_pa = pressure_pa - state.pressure_at_count_pa;
+    change_pa > values.encoder_stuck_pa || change_pa < -values.encoder_stuck_pa
+}
+
+/// Carries the self-check's window on, or begins it anew; returns what disturbs it.
+fn watch_window(
+    values: &SettingsValues,
+    next: &mut State,
+    verdicts: &Verdicts,
+    sensors: &Sensors,
+) -> Option<Fault> {
+    if next.mode != Mode::SelfCheck {
+        return None;
+    }
+    let bridge_n = next.bridge.value();
+    let moved = sensors.encoder.since(next.home).unsigned_abs() > FLICKER_COUNTS;
+    let disturbed = if next.pressure.value() > values.vented_pa {
+        Some(Fault::NotVented)
+    } else if bridge_n > values.tare_n_max || bridge_n < -values.tare_n_max {
+        Some(Fault::LoadedLever)
+    } else if moved || verdicts.contains(&Verdict::Suspect) {
+        Some(Fault::NotStill)
+    } else {
+        None
+    };
+    if disturbed.is_some() {
+        next.window_ticks = 0;
+        next.window_sum_n = 0.0;
+        next.home = sensors.encoder;
+        next.encoder = Watch::default();
+    } else {
+        next.window_ticks = next.window_ticks.saturating_add(1);
+        next.window_sum_n += bridge_n;
+    }
+    disturbed
+}
+
+fn findings(
+    values: &SettingsValues,
+    next: &State,
+    verdicts: &Verdicts,
+    contraction: f32,
+    unready: Option<Fault>,
+    sensors: &Sensors,
+) -> Findings {
+    let [bridge, pressure, encoder] = *verdicts;
+    let empty = next.pressure.value() <= values.vented_pa || next.mode_ticks >= EMPTIED_TICKS;
+    Findings {
+        bridge,
+        pressure,
+        encoder,
+        pressure_pa: next.pressure.value(),
+        contraction,
+        missed_ticks: sensors.missed_ticks,
+        request: sensors.request,
+        vented: next.pressure_ref_pa == 0.0 && empty,
+        unready,
+        mode_ticks: next.mode_ticks,
+        window_ticks: next.window_ticks,
+        bridging: next.bridging,
+    }
+}
+
+/// Begins `mode`.
+fn enter(values: &SettingsValues, state: &mut State, mode: Mode) {
+    match (state.mode, mode) {
+        (Mode::SelfCheck, Mode::Ready) => {
+            state.tare_n = state.window_sum_n / state.window_ticks.max(1) as f32;
+        }
+        // From where the pressure is, gently, until the law is met.
+        (Mode::Ready, Mode::Assisting) => {
+            state.pressure_ref_pa = state.pressure.value();
+            state.engaged = false;
+        }
+        // After a hold that was asked for the law may be far away; after a bridged reading not.
+        (Mode::Holding, Mode::Assisting) => state.engaged = state.engaged && state.bridging,
+        // A reference far above the pressure must not go on filling on its way down.
+        (_, Mode::Venting) => {
+            let believed = !matches!(state.fault, Some(Fault::Pressure(_)));
+            if believed && state.pressure.value() < state.pressure_ref_pa {
+                state.pressure_ref_pa = state.pressure.value();
+            }
+        }
+        // Everything anew, as after power-on.
+        (_, Mode::SelfCheck) => *state = State::default(),
+        _ => {}
+    }
+    state.bridging = false;
+    state.mode = mode;
+    state.mode_ticks = 0;
+    state.pressure_ref_pa = limited_pa(values, state.pressure_ref_pa);
+}
+
+/// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and rate.
+fn next_reference_pa(
+    settings: &Settings,
+    state: &mut State,
+    reference_force_n: f32,
+    contraction: f32,
+    ticks: f32,
+) -> f32 {
+    let values = settings.values();
+    let now_pa = state.pressure_ref_pa;
+    let next_pa = match state.mode {
+        Mode::SelfCheck | Mode::Ready => 0.0,
+        Mode::Holding => now_pa,
+        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S * ticks,
+        Mode::Assisting => {
+            let law = reference_pressure(
+                &values.muscle,
+                reference_force_n,
+                contraction,
+                values.contraction_max,
+                settings.pressure_max(),
+            );
+            // Past the limit of travel the pressure may only fall.
+            let too_short = contraction > values.contraction_max;
+            let target_pa = if too_short { law.0.min(now_pa) } else { law.0 };
+            let rate_pa_per_s = if state.engaged {
+                values.pressure_rate_pa_per_s_max
+            } else {
+                values
+                    .engage_rate_pa_per_s
+                    .min(values.pressure_rate_pa_per_s_max)
+            };
+            let way_pa = target_pa - now_pa;
+            let step_pa = limited(way_pa, rate_pa_per_s * TICK_S * ticks);
+            state.engaged = state.engaged || step_pa == way_pa;
+            now_pa + step_pa
+        }
+    };
+    limited_pa(values, next_pa)
+}
+
+/// `value` limited to ±`magnitude`; zero for NaN.
+fn limited(value: f32, magnitude: f32) -> f32 {
+    if value.is_nan() {
+        0.0
+    } else {
+        value.max(-magnitude).min(magnitude)
+    }
+}
+
+/// A reference within its limits; zero for NaN.
+fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
+    let max_pa = values.pressure_pa_max.min(values.supply_pressure_pa);
+    if pressure_pa.is_nan() {
+        0.0
+    } else {
+        pressure_pa.max(0.0).min(max_pa)
+    }
+}

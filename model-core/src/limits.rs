@@ -1,0 +1,68 @@
+//! Physical limits of every setting: one table that validation, messages and tests read.
+
+use crate::settings::SettingsValues;
+
+/// The limits of one setting.
+#[derive(Clone, Copy)]
+pub struct Limit {
+    /// Its name.
+    pub name: &'static str,
+    /// Smallest value.
+    pub min: f32,
+    /// Largest value.
+    pub max: f32,
+    /// Why these.
+    pub source: &'static str,
+    /// The value in a set of settings.
+    pub value: fn(&SettingsValues) -> f32,
+}
+
+macro_rules! limits {
+    ($($($field:ident).+: $min:expr, $max:expr, $source:expr;)*) => {
+        &[$(Limit {
+            name: stringify!($($field).+),
+            min: $min,
+            max: $max,
+            source: $source,
+            value: |values| values.$($field).+ as f32,
+        }),*]
+    };
+}
+
+/// Every setting's limits.
+pub const LIMITS: &[Limit] = limits! {
+    muscle.alpha_m2: 1e-6, 1.0, "1 mm² to the size of a person";
+    muscle.beta_m2: -1.0, 0.0, "negative: the braid's end caps push (Eq 1)";
+    muscle.gamma_n: -1e4, 0.0, "the rubber's own force, which opposes (Eq 1)";
+    muscle.initial_length_m: 0.01, 10.0, "muscles that are sold";
+    gain: 0.0, 100.0, "a hundredfold force is beyond a lever's purpose";
+    bridge.zero_count: 0.0, 4095.0, "12-bit scale";
+    bridge.per_count: -1.0, 1.0, "N per count; 1 N is too coarse for a finger";
+    pressure_sensor.zero_count: 0.0, 4095.0, "12-bit scale";
+    pressure_sensor.per_count: 1.0, 1e4, "Pa per count: 4 kPa to 40 MPa full scale";
+    encoder_m_per_count: -1e-2, 1e-2, "1 cm is too coarse to control";
+    valve_drive.pa_per_v: 1e2, 1e7, "valves of 0–10 V and 1 kPa to 100 MPa";
+    valve_drive.amplifier_gain: 0.1, 100.0, "one stage";
+    valve_drive.dac_full_scale_v: 0.5, 5.5, "supply of a microcontroller";
+    supply_pressure_pa: 1e4, 2e6, "hand-held pneumatics";
+    pressure_pa_max: 1e3, 2e6, "at most the supply";
+    pressure_trip_pa: 1e3, 3e6, "above what the loop may ask for";
+    pressure_rate_pa_per_s_max: 1e4, 1e8, "10 kPa/s is sluggish, 1 MPa a tick no limit";
+    engage_rate_pa_per_s: 1e3, 1e7, "slower than assisting";
+    vent_rate_pa_per_s: 1e3, 1e7, "lets the weight down, does not drop it";
+    vented_pa: 1e2, 1e5, "below what lifts anything";
+    contraction_max: 0.01, 0.9, "before Eq 8 is singular";
+    contraction_trip: 0.01, 0.95, "above contraction_max";
+    finger_force_n_max: 0.1, 1e3, "a finger to an arm";
+    tare_n_max: 0.0, 100.0, "a hand that rests on the lever";
+    bridge_step_n_max: 0.1, 1e3, "a person's fastest";
+    pressure_step_pa_max: 1e3, 2e6, "what the valve can do in a tick";
+    encoder_step_m_max: 1e-4, 1.0, "a falling weight: 10 m/s";
+    encoder_stuck_pa: 1e3, 1e6, "static friction over ∂F/∂P";
+    lift_pressure_pa_max: 1e3, 2e6, "what lifts the heaviest load";
+    stuck_ticks: 0.0, 65535.0, "0 where the converters have no noise";
+    suspect_ticks: 1.0, 100.0, "up to a second on a guess";
+    missed_ticks_max: 0.0, 10.0, "up to a tenth of a second blind";
+    self_check_ticks: 10.0, 1000.0, "0.1 to 10 s";
+    self_check_ticks_max: 10.0, 65535.0, "at least self_check_ticks";
+};

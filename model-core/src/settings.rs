@@ -1,0 +1,273 @@
+//! The controller's settings: one struct that is valid once it exists.
+
+use crate::error::SettingsError;
+use crate::limits::LIMITS;
+use crate::muscle::Muscle;
+use crate::pressure::GaugePa;
+use crate::signal::{AdcScale, ValveDrive};
+use crc::{CRC_32_ISO_HDLC, Crc};
+use serde::{Deserialize, Serialize};
+
+/// Version of [`SettingsValues`]: it changes with every change of the struct.
+pub const VERSION: u16 = 1;
+/// A buffer of this size holds any encoded settings.
+pub const ENCODED_LEN_MAX: usize = 256;
+/// Period of the tick \[s\], the paper's sampling time.
+pub const TICK_S: f32 = 0.01;
+
+const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const VERSION_LEN: usize = 2;
+const CHECKSUM_LEN: usize = 4;
+
+/// The values, not yet checked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SettingsValues {
+    /// Eq 1.
+    pub muscle: Muscle<f32>,
+    /// K of Eq 7 \[-\].
+    pub gain: f32,
+
+    /// Strain-gauge bridge, in N.
+    pub bridge: AdcScale,
+    /// Pressure sensor, in Pa gauge.
+    pub pressure_sensor: AdcScale,
+    /// Shortening of the muscle per count, four counts a line \[m\]; negative if it counts down.
+    pub encoder_m_per_count: f32,
+    /// DAC, amplifier and valve.
+    pub valve_drive: ValveDrive,
+
+    /// P_s, gauge \[Pa\].
+    pub supply_pressure_pa: f32,
+    /// Highest pressure that is asked for, gauge \[Pa\].
+    pub pressure_pa_max: f32,
+    /// Measured pressure that is a fault, gauge \[Pa\].
+    pub pressure_trip_pa: f32,
+    /// Fastest change of the reference pressure \[Pa/s\].
+    pub pressure_rate_pa_per_s_max: f32,
+    /// The same until the reference has met the assist law \[Pa/s\].
+    pub engage_rate_pa_per_s: f32,
+    /// How fast the reference falls when venting \[Pa/s\].
+    pub vent_rate_pa_per_s: f32,
+    /// Below this the muscle counts as vented, gauge \[Pa\].
+    pub vented_pa: f32,
+
+    /// Contraction beyond which the pressure may not rise, and which Eq 8 is computed at \[-\].
+    pub contraction_max: f32,
+    /// Contraction that is a fault \[-\].
+    pub contraction_trip: f32,
+    /// Finger force beyond which F_c grows no further \[N\].
+    pub finger_force_n_max: f32,
+
+    /// Largest force that the self-check takes for the bridge's zero \[N\].
+    pub tare_n_max: f32,
+    /// Largest change of the finger force in a tick \[N\].
+    pub bridge_step_n_max: f32,
+    /// Largest change of the pressure in a tick \[Pa\].
+    pub pressure_step_pa_max: f32,
+    /// Largest travel in a tick \[m\].
+    pub encoder_step_m_max: f32,
+    /// A pressure change without a count from the encoder, off the stop, that is a fault \[Pa\].
+    pub encoder_stuck_pa: f32,
+    /// Pressure at which even the heaviest load leaves the stop, gauge \[Pa\].
+    pub lift_pressure_pa_max: f32,
+    /// So many equal readings of an ADC in a row are a fault; 0: never.
+    pub stuck_ticks: u16,
+    /// So many implausible readings in a row are a fault.
+    pub suspect_ticks: u8,
+    /// More missed ticks in a row are a fault.
+    pub missed_ticks_max: u8,
+    /// Duration of the self-check.
+    pub self_check_ticks: u16,
+    /// The self-check gives up after so many ticks.
+    pub self_check_ticks_max: u16,
+}
+
+impl SettingsValues {
+    /// The paper's rig with the electronics of docs/theory.md.
+    ///
+    /// The rate limit lets the paper's lift pass: even valve A's wind-up asks for less than
+    /// 2 MPa/s. `encoder_stuck_pa`: static friction of 7 N both ways over ∂F/∂P ≥ 0.5e-3 m² is
+    /// 28 kPa. `lift_pressure_pa_max`: twice the weight leaves the stop at 176 kPa.
+    pub const fn reference() -> SettingsValues {
+        SettingsValues {
+            muscle: Muscle {
+                alpha_m2: 3.7718e-3,
+                beta_m2: -1.39e-3,
+                gamma_n: -183.0,
+                initial_length_m: 0.3,
+            },
+            gain: 20.0,
+            // ±25 N on 4096 counts.
+            bridge: AdcScale {
+                zero_count: 2048.0,
+                per_count: 50.0 / 4096.0,
+            },
+            // 0–700 kPa on 10–90 % of the scale.
+            pressure_sensor: AdcScale {
+                zero_count: 409.6,
+                per_count: 7e5 / 3276.8,
+            },
+            encoder_m_per_count: 12.5e-6,
+            // 0–500 kPa for 0–10 V, from 0–3.3 V.
+            valve_drive: ValveDrive {
+                pa_per_v: 5e4,
+                amplifier_gain: 10.0 / 3.3,
+                dac_full_scale_v: 3.3,
+            },
+            supply_pressure_pa: 5e5,
+            pressure_pa_max: 5e5,
+            pressure_trip_pa: 5.6e5,
+            pressure_rate_pa_per_s_max: 5e6,
+            engage_rate_pa_per_s: 2.5e5,
+            vent_rate_pa_per_s: 2e5,
+            vented_pa: 2e4,
+            contraction_max: 0.30,
+            contraction_trip: 0.33,
+            finger_force_n_max: 20.0,
+            tare_n_max: 2.0,
+            bridge_step_n_max: 15.0,
+            pressure_step_pa_max: 2e5,
+            encoder_step_m_max: 0.03,
+            encoder_stuck_pa: 6e4,
+            lift_pressure_pa_max: 2.2e5,
+            stuck_ticks: 50,
+            suspect_ticks: 3,
+            missed_ticks_max: 2,
+            self_check_ticks: 50,
+            self_check_ticks_max: 500,
+        }
+    }
+}
+
+/// Settings that have passed every check.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings(SettingsValues);
+
+impl Settings {
+    /// Checks `values`.
+    ///
+    /// # Errors
+    /// The first value that is outside its limits or contradicts another.
+    pub fn new(values: SettingsValues) -> Result<Settings, SettingsError> {
+        for limit in LIMITS {
+            let value = (limit.value)(&values);
+            if !(value >= limit.min && value <= limit.max) {
+                return Err(SettingsError::OutOfRange {
+                    name: limit.name,
+                    min: limit.min,
+                    max: limit.max,
+                });
+            }
+        }
+        let v = &values;
+        let at_max_m2 = v.muscle.force_per_pressure_m2(v.contraction_max);
+        let full_scale = v
+            .valve_drive
+            .pressure(crate::signal::DacCount::new(u16::MAX));
+        let relations = [
+            (
+                v.bridge.per_count != 0.0,
+                "bridge.per_count",
+                "other than zero",
+            ),
+            (
+                v.encoder_m_per_count != 0.0,
+                "encoder_m_per_count",
+                "other than zero",
+            ),
+            (
+                // A tenth of the force at rest keeps Eq 8 well away from its singularity.
+                at_max_m2 > 0.1 * v.muscle.force_per_pressure_m2(0.0) && at_max_m2 > 0.0,
+                "contraction_max",
+                "where the muscle still pulls with a tenth of its force per pressure",
+            ),
+            (
+                v.contraction_trip > v.contraction_max,
+                "contraction_trip",
+                "above contraction_max",
+            ),
+            (
+                v.pressure_pa_max <= v.supply_pressure_pa,
+                "pressure_pa_max",
+                "at most supply_pressure_pa",
+            ),
+            (
+                v.pressure_trip_pa > v.pressure_pa_max,
+                "pressure_trip_pa",
+                "above pressure_pa_max",
+            ),
+            (
+                // 0.1 % for the rounding of f32.
+                full_scale.0 >= 0.999 * v.pressure_pa_max,
+                "pressure_pa_max",
+                "within the valve drive's full scale",
+            ),
+            (
+                v.self_check_ticks_max >= v.self_check_ticks,
+                "self_check_ticks_max",
+                "at least self_check_ticks",
+            ),
+        ];
+        match relations.iter().find(|(holds, ..)| !holds) {
+            Some((_, name, must)) => Err(SettingsError::Contradiction { name, must }),
+            None => Ok(Settings(values)),
+        }
+    }
+
+    /// The values.
+    pub fn values(&self) -> &SettingsValues {
+        &self.0
+    }
+
+    /// The highest pressure that may be asked for.
+    pub fn pressure_max(&self) -> GaugePa<f32> {
+        GaugePa(self.0.pressure_pa_max.min(self.0.supply_pressure_pa))
+    }
+
+    /// Writes version, values (postcard) and CRC-32 into `buffer`; returns what was written.
+    ///
+    /// # Errors
+    /// The buffer is too short; [`ENCODED_LEN_MAX`] is enough.
+    pub fn encode<'a>(&self, buffer: &'a mut [u8]) -> Result<&'a [u8], SettingsError> {
+        let (version, rest) = buffer
+            .split_first_chunk_mut::<VERSION_LEN>()
+            .ok_or(SettingsError::Length)?;
+        *version = VERSION.to_le_bytes();
+        let payload = postcard::to_slice(&self.0, rest).map_err(|_| SettingsError::Length)?;
+        let end = VERSION_LEN + payload.len();
+        let (covered, rest) = buffer
+            .split_at_mut_checked(end)
+            .ok_or(SettingsError::Length)?;
+        let checksum = rest
+            .first_chunk_mut::<CHECKSUM_LEN>()
+            .ok_or(SettingsError::Length)?;
+        *checksum = CHECKSUM.checksum(covered).to_le_bytes();
+        buffer
+            .get(..end + CHECKSUM_LEN)
+            .ok_or(SettingsError::Length)
+    }
+
+    /// Reads what [`Settings::encode`] wrote.
+    ///
+    /// # Errors
+    /// Damaged bytes, another version, or values that do not pass.
+    pub fn decode(bytes: &[u8]) -> Result<Settings, SettingsError> {
+        let (covered, checksum) = bytes
+            .split_last_chunk::<CHECKSUM_LEN>()
+            .ok_or(SettingsError::Length)?;
+        if CHECKSUM.checksum(covered) != u32::from_le_bytes(*checksum) {
+            return Err(SettingsError::Checksum);
+        }
+        let (version, payload) = covered
+            .split_first_chunk::<VERSION_LEN>()
+            .ok_or(SettingsError::Length)?;
+        let version = u16::from_le_bytes(*version);
+        if version != VERSION {
+            return Err(SettingsError::Version(version));
+        }
+        match postcard::take_from_bytes(payload) {
+            Ok((values, [])) => Settings::new(values),
+            _ => Err(SettingsError::Length),
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! Modes, and what leads from one to another.
+//!
+//! ```text
+//! SelfCheck ──passed──▶ Ready ──Assist──▶ Assisting ◀──Assist / reading good again── Holding
+//!     ▲                   │                   └──────Hold / reading suspect──────────▶ │
+//!     │                   └─────────────Vent, or any fault─────────────┐               │
+//!     └──Reset, vented── Venting ◀─────────────────────────────────────┴───────────────┘
+//! ```
+//!
+//! A fault is latched with its reason until it is reset; the first one counts. Venting lowers the
+//! reference at a limited rate: the weight is let down, not dropped.
+
+use crate::frame::Request;
+use crate::plausibility::{Doubt, Verdict};
+use crate::settings::SettingsValues;
+use serde::{Deserialize, Serialize};
+
+/// What the controller does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Mode {
+    /// Vented, watching the sensors, taking their zeros.
+    #[default]
+    SelfCheck,
+    /// Vented, waiting to be asked.
+    Ready,
+    /// The muscle carries K times the finger's force.
+    Assisting,
+    /// The pressure reference stays where it is.
+    Holding,
+    /// The pressure reference falls to zero and stays there.
+    Venting,
+}
+
+/// Why the controller vents.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Fault {
+    /// The strain-gauge bridge is not to be believed.
+    Bridge(Doubt),
+    /// The pressure sensor is not to be believed.
+    Pressure(Doubt),
+    /// The encoder is not to be believed.
+    Encoder(Doubt),
+    /// The pressure is above its trip level.
+    OverPressure,
+    /// The contraction is above its trip level.
+    OverContraction,
+    /// Too many ticks in a row did not happen.
+    MissedTicks,
+    /// At start, the lever was loaded.
+    LoadedLever,
+    /// At start, the muscle was under pressure.
+    NotVented,
+    /// At start, the muscle was moving.
+    NotStill,
+}
+
+/// What a tick has found out, before anything is decided.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Findings {
+    pub bridge: Verdict,
+    pub pressure: Verdict,
+    pub encoder: Verdict,
+    pub pressure_pa: f32,
+    pub contraction: f32,
+    pub missed_ticks: u8,
+    pub request: Request,
+    /// The reference is at zero, and the pressure is too or cannot be known.
+    pub vented: bool,
+    /// The window of the self-check: what has spoilt it, or none.
+    pub unready: Option<Fault>,
+    /// Ticks in this mode, and good ones in a row of the self-check.
+    pub mode_ticks: u16,
+    pub window_ticks: u16,
+    /// Holding only because a reading was suspect.
+    pub bridging: bool,
+}
+
+/// What is decided about the mode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Decision {
+    Stay,
+    Go(Mode),
+    /// Hold until a suspect reading is good again or has failed.
+    Bridge,
+    Fail(Fault),
+}
+
+impl Findings {
+    fn fault(&self, values: &SettingsValues) -> Option<Fault> {
+        match (self.bridge, self.pressure, self.encoder) {
+            (Verdict::Failed(doubt), ..) => return Some(Fault::Bridge(doubt)),
+            (_, Verdict::Failed(doubt), _) => return Some(Fault::Pressure(doubt)),
+            (.., Verdict::Failed(doubt)) => return Some(Fault::Encoder(doubt)),
+            _ => {}
+        }
+        if self.pressure_pa > values.pressure_trip_pa {
+            Some(Fault::OverPressure)
+        } else if self.contraction > values.contraction_trip {
+            Some(Fault::OverContraction)
+        } else if self.missed_ticks > values.missed_ticks_max {
+            Some(Fault::MissedTicks)
+        } else {
+            None
+        }
+    }
+
+    fn suspect(&self) -> bool {
+        [self.bridge, self.pressure, self.encoder].contains(&Verdict::Suspect)
+    }
+}
+
+/// What follows from `findings` in `mode`.
+pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
+    if mode == Mode::Venting {
+        return from_venting(findings);
+    }
+    if let Some(fault) = findings.fault(values) {
+        return Decision::Fail(fault);
+    }
+    if findings.request == Request::Vent {
+        return Decision::Go(Mode::Venting);
+    }
+    match mode {
+        Mode::SelfCheck => from_self_check(values, findings),
+        Mode::Ready => from_ready(findings),
+        Mode::Assisting => from_assisting(findings),
+        Mode::Holding => from_holding(findings),
+        Mode::Venting => Decision::Stay,
+    }
+}
+
+/// Passes after an undisturbed window; gives up, naming what disturbs, when it takes too long.
+fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
+    match findings.unready {
+        None if findings.window_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
+        Some(reason) if findings.mode_ticks >= values.self_check_ticks_max => {
+            Decision::Fail(reason)
+        }
+        _ => Decision::Stay,
+    }
+}
+
+fn from_ready(findings: &Findings) -> Decision {
+    match findings.request {
+        Request::Assist if !findings.suspect() => Decision::Go(Mode::Assisting),
+        _ => Decision::Stay,
+    }
+}
+
+fn from_assisting(findings: &Findings) -> Decision {
+    if findings.request == Request::Hold {
+        Decision::Go(Mode::Holding)
+    } else if findings.suspect() {
+        Decision::Bridge
+    } else {
+        Decision::Stay
+    }
+}
+
+/// A hold that was asked for ends when assistance is; one over a suspect reading ends with it.
+fn from_holding(findings: &Findings) -> Decision {
+    let resumes = findings.request == Request::Assist
+        || (findings.bridging && findings.request != Request::Hold);
+    if resumes && !findings.suspect() {
+        Decision::Go(Mode::Assisting)
+    } else {
+        Decision::Stay
+    }
+}
+
+fn from_venting(findings: &Findings) -> Decision {
+    if findings.request == Request::Reset && findings.vented {
+        Decision::Go(Mode::SelfCheck)
+    } else {
+        Decision::Stay
+    }
+}

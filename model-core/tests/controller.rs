@@ -1,0 +1,400 @@
+//! The controller over its whole input range, and through each of its modes.
+
+use model_core::controller::Controller;
+use model_core::error::SettingsError;
+use model_core::frame::{Output, Request, Sensors};
+use model_core::limits::LIMITS;
+use model_core::plausibility::Doubt;
+use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
+use model_core::signal::{AdcCount, EncoderCount};
+use model_core::supervisor::{Fault, Mode};
+use proptest::prelude::*;
+
+fn reference() -> Settings {
+    Settings::new(SettingsValues::reference()).expect("the reference is valid")
+}
+
+/// A bench that produces counts of given quantities, with a flicker of one count as from noise.
+struct Bench {
+    controller: Controller,
+    home: u32,
+    ticks: u32,
+    finger_n: f32,
+    pressure_pa: f32,
+    contraction: f32,
+    request: Request,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench {
+            controller: Controller::new(reference()),
+            home: u32::MAX - 100,
+            ticks: 0,
+            finger_n: 0.5,
+            pressure_pa: 0.0,
+            contraction: 0.0,
+            request: Request::None,
+        }
+    }
+
+    fn sensors(&self) -> Sensors {
+        let values = *self.controller.settings().values();
+        let flicker = (self.ticks % 2) as u16;
+        let moved = self.contraction * values.muscle.initial_length_m / values.encoder_m_per_count;
+        Sensors {
+            bridge: AdcCount(values.bridge.count(self.finger_n).0 + flicker),
+            pressure: AdcCount(values.pressure_sensor.count(self.pressure_pa).0 + flicker),
+            encoder: EncoderCount(self.home.wrapping_add_signed(moved.round() as i32)),
+            missed_ticks: 0,
+            request: self.request,
+        }
+    }
+
+    fn tick(&mut self) -> Output {
+        let sensors = self.sensors();
+        self.tick_with(&sensors)
+    }
+
+    fn tick_with(&mut self, sensors: &Sensors) -> Output {
+        self.ticks += 1;
+        self.controller.tick(sensors)
+    }
+
+    /// Ticks until `done`, at most `ticks` times.
+    fn until(&mut self, ticks: u32, mut done: impl FnMut(&Output) -> bool) -> Output {
+        for _ in 0..ticks {
+            let output = self.tick();
+            // The muscle follows its reference, as with a fast valve.
+            self.pressure_pa = output.pressure_ref.0;
+            if done(&output) {
+                return output;
+            }
+        }
+        panic!("not within {ticks} ticks: {:?}", self.controller.state());
+    }
+
+    fn assisting() -> Bench {
+        let mut bench = Bench::new();
+        bench.until(60, |output| output.mode == Mode::Ready);
+        bench.request = Request::Assist;
+        bench.finger_n = 2.5;
+        let engaged = |output: &Output| output.pressure_ref.0 > 9e4;
+        bench.until(100, engaged);
+        bench.request = Request::None;
+        bench
+    }
+}
+
+#[test]
+fn self_check_takes_the_zeros_and_assisting_begins_without_a_bump() {
+    let mut bench = Bench::new();
+    let ready = bench.until(51, |output| output.mode == Mode::Ready);
+    assert_eq!(ready.contraction, 0.0);
+    // The tare is the lever's 0.5 N; one count is 0.0122 N.
+    assert!(ready.finger_force_n.abs() < 0.0123);
+    bench.request = Request::Assist;
+    let mut last_pa = 0.0;
+    for _ in 0..100 {
+        let output = bench.tick();
+        // It begins at what the pressure sensor reads, within two counts (427 Pa) of zero.
+        assert!(
+            output.pressure_ref.0 - last_pa <= 2.5e5 * 0.01 + 427.0,
+            "gently"
+        );
+        last_pa = output.pressure_ref.0;
+    }
+    // No finger, no force: Eq 8 at F_c = 0 is γ/(α + β) = 76.8 kPa; a count of force is 0.1 kPa.
+    assert!((last_pa - 76_832.0).abs() < 250.0, "{last_pa}");
+}
+
+#[test]
+fn self_check_names_what_disturbs_it() {
+    let disturbances: [(fn(&mut Bench), Fault); 3] = [
+        (|bench| bench.finger_n = 5.0, Fault::LoadedLever),
+        (|bench| bench.pressure_pa = 1e5, Fault::NotVented),
+        (
+            |bench| bench.contraction = (bench.ticks % 7) as f32 * 1e-3,
+            Fault::NotStill,
+        ),
+    ];
+    for (disturb, reason) in disturbances {
+        let mut bench = Bench::new();
+        let fault = loop {
+            disturb(&mut bench);
+            let output = bench.tick();
+            assert_eq!(output.valve.get(), 0);
+            assert_ne!(output.mode, Mode::Ready);
+            if let Some(fault) = output.fault {
+                break fault;
+            }
+        };
+        assert_eq!(fault, reason);
+    }
+}
+
+#[test]
+fn holding_keeps_the_reference_and_resumes_gently() {
+    let mut bench = Bench::assisting();
+    bench.request = Request::Hold;
+    let held = bench.tick();
+    assert_eq!(held.mode, Mode::Holding);
+    bench.finger_n = 6.0;
+    bench.request = Request::None;
+    for _ in 0..100 {
+        assert_eq!(bench.tick().pressure_ref, held.pressure_ref);
+    }
+    bench.request = Request::Assist;
+    let resumed = bench.tick();
+    assert_eq!(resumed.mode, Mode::Assisting);
+    assert!(resumed.pressure_ref.0 - held.pressure_ref.0 <= 2.5e5 * 0.01 + 0.1);
+}
+
+#[test]
+fn a_single_bad_reading_is_bridged() {
+    let mut bench = Bench::assisting();
+    let before = bench.tick();
+    let mut sensors = bench.sensors();
+    sensors.bridge = AdcCount(4095);
+    let during = bench.tick_with(&sensors);
+    assert_eq!(during.mode, Mode::Holding);
+    assert_eq!(during.pressure_ref, before.pressure_ref);
+    let after = bench.tick();
+    assert_eq!((after.mode, after.fault), (Mode::Assisting, None));
+}
+
+/// Ticks `bench` with what `corrupt` makes of its sensors until a fault, at most `ticks` times.
+fn fault_after(mut bench: Bench, ticks: u32, corrupt: fn(&mut Sensors, u32)) -> (Fault, u32) {
+    for tick in 0..ticks {
+        let mut sensors = bench.sensors();
+        corrupt(&mut sensors, tick);
+        if let Some(fault) = bench.tick_with(&sensors).fault {
+            return (fault, tick + 1);
+        }
+    }
+    panic!("no fault in {ticks} ticks");
+}
+
+#[test]
+fn broken_sensors_are_faults_with_their_reason() {
+    let range = |fault: fn(Doubt) -> Fault| (fault(Doubt::Range), 3);
+    let cases: [(fn(&mut Sensors, u32), (Fault, u32)); 7] = [
+        (
+            |sensors, _| sensors.bridge = AdcCount(0),
+            range(Fault::Bridge),
+        ),
+        (
+            |sensors, _| sensors.pressure = AdcCount(4095),
+            range(Fault::Pressure),
+        ),
+        // Believed in the third tick, by when it could have risen so far: too high all the same.
+        (
+            |sensors, _| sensors.pressure = AdcCount(3600),
+            (Fault::OverPressure, 3),
+        ),
+        (
+            |sensors, _| sensors.encoder.0 ^= 1 << 20,
+            (Fault::Encoder(Doubt::Step), 3),
+        ),
+        // 50 equal readings, of which the third from then on is the failure.
+        (
+            |sensors, _| sensors.bridge = AdcCount(2300),
+            (Fault::Bridge(Doubt::Stuck), 53),
+        ),
+        (
+            |sensors, _| sensors.pressure = AdcCount(840),
+            (Fault::Pressure(Doubt::Stuck), 53),
+        ),
+        (
+            |sensors, _| sensors.missed_ticks = 3,
+            (Fault::MissedTicks, 1),
+        ),
+    ];
+    for (corrupt, expected) in cases {
+        assert_eq!(fault_after(Bench::assisting(), 60, corrupt), expected);
+    }
+}
+
+#[test]
+fn a_frozen_encoder_is_noticed_by_the_pressure() {
+    let mut bench = Bench::assisting();
+    bench.contraction = 0.1;
+    // Move there within the step limit.
+    for step in 0..=20 {
+        bench.contraction = 0.005 * step as f32;
+        bench.pressure_pa = 1.5e5 + 2e3 * step as f32;
+        assert_eq!(bench.tick().fault, None);
+    }
+    let frozen = bench.contraction;
+    let start_pa = bench.pressure_pa;
+    let fault = loop {
+        bench.contraction = frozen;
+        bench.pressure_pa += 5e3;
+        if let Some(fault) = bench.tick().fault {
+            break fault;
+        }
+        assert!(bench.pressure_pa < start_pa + 1e5, "unnoticed");
+    };
+    assert_eq!(fault, Fault::Encoder(Doubt::Stuck));
+}
+
+#[test]
+fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
+    let mut bench = Bench::assisting();
+    bench.until(200, |output| output.pressure_ref.0 > 9e4);
+    bench.contraction = 0.0;
+    for step in 1..=40 {
+        bench.contraction = 0.01 * step as f32;
+        let output = bench.tick();
+        if output.fault.is_some() {
+            break;
+        }
+    }
+    let mut last = bench.tick();
+    assert_eq!(
+        (last.mode, last.fault),
+        (Mode::Venting, Some(Fault::OverContraction))
+    );
+    for request in [
+        Request::Assist,
+        Request::Hold,
+        Request::Reset,
+        Request::None,
+    ] {
+        bench.request = request;
+        let output = bench.tick();
+        assert_eq!((output.mode, output.fault), (last.mode, last.fault));
+        let fall_pa = last.pressure_ref.0 - output.pressure_ref.0;
+        assert!((0.0..=2e5 * 0.01 + 0.1).contains(&fall_pa), "{fall_pa}");
+        last = output;
+    }
+    bench.contraction = 0.0;
+    bench.request = Request::None;
+    bench.until(400, |output| output.pressure_ref.0 == 0.0);
+    bench.finger_n = 0.0;
+    bench.request = Request::Reset;
+    let reset = bench.until(10, |output| output.mode != Mode::Venting);
+    assert_eq!((reset.mode, reset.fault), (Mode::SelfCheck, None));
+}
+
+#[test]
+fn settings_survive_a_round_trip_and_no_flipped_bit_or_cut_does() {
+    let mut buffer = [0; ENCODED_LEN_MAX];
+    let bytes = reference().encode(&mut buffer).expect("it fits").to_vec();
+    assert_eq!(Settings::decode(&bytes), Ok(reference()));
+    for bit in 0..8 * bytes.len() {
+        let mut flipped = bytes.clone();
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        assert!(Settings::decode(&flipped).is_err(), "bit {bit}");
+    }
+    for length in 0..bytes.len() {
+        assert!(
+            Settings::decode(&bytes[..length]).is_err(),
+            "length {length}"
+        );
+        assert_eq!(
+            reference().encode(&mut buffer[..length]),
+            Err(SettingsError::Length)
+        );
+    }
+}
+
+/// The reference with one value's bytes replaced by any others.
+fn any_settings() -> impl Strategy<Value = SettingsValues> {
+    let mut buffer = [0; ENCODED_LEN_MAX];
+    let bytes = postcard::to_slice(&SettingsValues::reference(), &mut buffer).expect("it fits");
+    let bytes = bytes.to_vec();
+    let special = prop_oneof![
+        any::<u32>(),
+        (-10.0_f32..10.0).prop_map(f32::to_bits),
+        (-1e6_f32..1e6).prop_map(f32::to_bits),
+        Just(f32::NAN.to_bits()),
+        Just(f32::INFINITY.to_bits()),
+    ];
+    // 29 floats come first, four bytes each.
+    (0..29_usize, special).prop_filter_map("not settings", move |(place, bits)| {
+        let mut bytes = bytes.clone();
+        bytes[4 * place..4 * place + 4].copy_from_slice(&bits.to_le_bytes());
+        postcard::from_bytes(&bytes).ok()
+    })
+}
+
+fn any_sensors() -> impl Strategy<Value = Sensors> {
+    let request = prop_oneof![
+        Just(Request::None),
+        Just(Request::Assist),
+        Just(Request::Hold),
+        Just(Request::Vent),
+        Just(Request::Reset),
+    ];
+    // Plausible readings among impossible ones, so that every mode is reached.
+    let adc = |usual: std::ops::Range<u16>| prop_oneof![4 => usual, 1 => any::<u16>()];
+    let encoder = prop_oneof![8 => 0..20_u32, 1 => any::<u32>()];
+    (adc(2040..2100), adc(409..500), encoder, 0..4_u8, request).prop_map(
+        |(bridge, pressure, encoder, missed_ticks, request)| Sensors {
+            bridge: AdcCount(bridge),
+            pressure: AdcCount(pressure),
+            encoder: EncoderCount(encoder),
+            missed_ticks,
+            request,
+        },
+    )
+}
+
+proptest! {
+    #[test]
+    fn settings_outside_any_limit_cannot_be_built(values in any_settings()) {
+        match Settings::new(values) {
+            Ok(settings) => for limit in LIMITS {
+                let value = (limit.value)(settings.values());
+                prop_assert!((limit.min..=limit.max).contains(&value), "{}", limit.name);
+            },
+            Err(error) => prop_assert!(!error.to_string().is_empty()),
+        }
+    }
+
+    #[test]
+    fn whatever_is_read_the_command_is_safe(
+        values in any_settings(),
+        start in 0..80_usize,
+        run in prop::collection::vec(any_sensors(), 1..200),
+    ) {
+        let Ok(settings) = Settings::new(values) else { return Ok(()) };
+        let mut bench = Bench::new();
+        bench.controller = Controller::new(settings);
+        for tick in 0..start {
+            bench.request = if tick > 60 { Request::Assist } else { Request::None };
+            bench.tick();
+        }
+        let values = settings.values();
+        let max_pa = settings.pressure_max().0;
+        let mut last = bench.tick();
+        for sensors in run {
+            let output = bench.tick_with(&sensors);
+            prop_assert!((0.0..=max_pa).contains(&output.pressure_ref.0));
+            for value in [output.finger_force_n, output.reference_force_n, output.contraction,
+                          output.pressure.0] {
+                prop_assert!(value.is_finite());
+            }
+            let sent = values.valve_drive.pressure(output.valve).0;
+            // The DAC is within half a count of the reference.
+            prop_assert!(sent <= max_pa * 1.0002 + 0.51 * values.valve_drive.pressure(
+                model_core::signal::DacCount::new(1)).0);
+            let ticks = 1.0 + f32::from(sensors.missed_ticks);
+            let rise = output.pressure_ref.0 - last.pressure_ref.0;
+            // Rounding of references up to 2 MPa, besides; and an engagement that begins at what
+            // the pressure sensor reads, when the muscle is not empty.
+            let step = values.pressure_rate_pa_per_s_max * 0.01 * ticks + 0.5;
+            let begins = last.mode == Mode::Ready && output.mode == Mode::Assisting;
+            prop_assert!(begins || rise <= step, "{rise}");
+            if matches!(output.mode, Mode::SelfCheck | Mode::Ready) {
+                prop_assert_eq!(output.valve.get(), 0);
+            }
+            if last.fault.is_some() && output.mode != Mode::SelfCheck {
+                prop_assert_eq!(output.fault, last.fault);
+                prop_assert_eq!(output.mode, Mode::Venting);
+            }
+            last = output;
+        }
+    }
+}
