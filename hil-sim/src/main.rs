@@ -1,2 +1,91 @@
-//! The `hil-sim` command.
-fn main() {}
+//! The `hil-sim` command: results on stdout, everything else on stderr.
+//!
+//! Exit status 0: it ran. 2: bad input, one line that says where. 1: anything else.
+
+mod cmd;
+
+use clap::{Parser, Subcommand};
+use hil_sim::error::BadInput;
+use hil_sim::output::NotWritten;
+use hil_sim::{closed_loop, paper, simulate};
+use std::process::ExitCode;
+
+/// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
+///
+/// Without a command it runs the paper's experiments and writes out/report.html.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  hil-sim                                          the paper, ours beside it
+  hil-sim run --arm-stiffness 500 --seed 7         the assist experiment, other hands
+  hil-sim rig new my-rig.toml                      a commented rig file to edit
+  hil-sim design --rig my-rig.toml                 which valve must I buy?
+  hil-sim simulate --rig my-rig.toml --drive measured.csv --out sim.csv";
+
+#[derive(Subcommand)]
+enum Command {
+    /// The assist experiment: a finger lifts and holds the weight through the muscle
+    Run(cmd::run::Args),
+    /// The paper's figures and numbers, ours beside what it says
+    Paper(cmd::paper::Args),
+    /// The flow gain a valve must have, and how stiff the input may be
+    Design(cmd::design::Args),
+    /// Run the plant from a record's inputs alone
+    Simulate(cmd::simulate::Args),
+    /// Rig files
+    Rig(cmd::rig::Args),
+    /// Shell completions
+    Completions(cmd::completions::Args),
+}
+
+/// Why a command ended early.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error(transparent)]
+    Input(#[from] BadInput),
+    #[error(transparent)]
+    NotWritten(#[from] NotWritten),
+    #[error(transparent)]
+    Simulate(#[from] simulate::Error),
+    #[error(transparent)]
+    Paper(#[from] paper::Error),
+}
+
+impl Failure {
+    fn is_bad_input(&self) -> bool {
+        matches!(
+            self,
+            Failure::Input(_)
+                | Failure::NotWritten(_)
+                | Failure::Simulate(simulate::Error::Input(_))
+                | Failure::Paper(
+                    paper::Error::Input(_) | paper::Error::ClosedLoop(closed_loop::Error::Input(_))
+                )
+        )
+    }
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        None => cmd::paper::run(&cmd::paper::Args::default()),
+        Some(Command::Run(args)) => cmd::run::run(&args),
+        Some(Command::Paper(args)) => cmd::paper::run(&args),
+        Some(Command::Design(args)) => cmd::design::run(&args),
+        Some(Command::Simulate(args)) => cmd::simulate::run(&args),
+        Some(Command::Rig(args)) => cmd::rig::run(&args),
+        Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("hil-sim: {failure}");
+            ExitCode::from(if failure.is_bad_input() { 2 } else { 1 })
+        }
+    }
+}

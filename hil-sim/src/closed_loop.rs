@@ -1,0 +1,400 @@
+//! The assist experiment: a finger, the lever, the electronics around the controller, the plant.
+//!
+//! Every 10 ms the instruments are sampled into the counts that a board would see, the controller
+//! ticks, and its DAC value reaches the valve a moment later. All randomness comes from one seed.
+
+use crate::design;
+use crate::error::BadInput;
+use crate::plant::load::GRAVITY_M_PER_S2;
+use crate::plant::simulation::{Initial, Simulation, SimulationError};
+use crate::plant::{Drive, Plant, Simulated};
+use crate::record::{self, Record};
+use crate::rig::Rig;
+use model_core::assist::Assist;
+use model_core::frame::{Output, Request, Sensors};
+use model_core::muscle::Muscle;
+use model_core::pressure::GaugePa;
+use model_core::settings::{Settings, SettingsValues};
+use model_core::signal::{AdcCount, AdcScale, EncoderCount};
+use model_core::supervisor::Mode;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+
+/// Period of the controller \[s\], the paper's sampling time.
+pub const TICK_S: f64 = 0.01;
+
+/// What the person's hand does, as an intended position of the finger on the lever.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Finger {
+    /// Up along a half cosine, a hold, and down along another.
+    Lift {
+        /// When it begins \[s\].
+        start_s: f64,
+        /// How far \[m\].
+        travel_m: f64,
+        /// How long the way up takes \[s\].
+        rise_s: f64,
+        /// How long it is held \[s\].
+        hold_s: f64,
+        /// How long the way down takes \[s\].
+        lower_s: f64,
+    },
+    /// A recorded path, linear between its samples and held at its ends.
+    Recorded {
+        /// Times, rising \[s\].
+        time_s: Vec<f64>,
+        /// Finger displacement at these times \[m\].
+        finger_m: Vec<f64>,
+    },
+}
+
+impl Finger {
+    /// The paper's lift: 0.12 m in 1 s, once the controller has checked itself.
+    pub const PAPER: Finger = Finger::Lift {
+        start_s: 1.0,
+        travel_m: 0.12,
+        rise_s: 1.0,
+        hold_s: 4.0,
+        lower_s: 1.5,
+    };
+
+    /// Intended displacement at `time_s` \[m\].
+    pub fn intended_m(&self, time_s: f64) -> f64 {
+        let half_cosine =
+            |share: f64| 0.5 * (1.0 - (core::f64::consts::PI * share.clamp(0.0, 1.0)).cos());
+        match self {
+            Finger::Lift {
+                start_s,
+                travel_m,
+                rise_s,
+                hold_s,
+                lower_s,
+            } => {
+                let up = half_cosine((time_s - start_s) / rise_s);
+                let down = half_cosine((time_s - start_s - rise_s - hold_s) / lower_s);
+                travel_m * (up - down)
+            }
+            Finger::Recorded {
+                time_s: times_s,
+                finger_m,
+            } => {
+                let after = times_s.partition_point(|t| *t <= time_s);
+                match (after.checked_sub(1), finger_m.get(after)) {
+                    (None, first) => first.copied().unwrap_or(0.0),
+                    (Some(last), None) => finger_m[last],
+                    (Some(before), Some(next)) => {
+                        let span_s = times_s[after] - times_s[before];
+                        let share = (time_s - times_s[before]) / span_s;
+                        finger_m[before] + share * (next - finger_m[before])
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// One run of the experiment.
+#[derive(Clone, Debug)]
+pub struct Experiment {
+    /// What the hand intends.
+    pub finger: Finger,
+    /// Stiffness of the person's arm between intent and finger \[N/m\]; infinite for a finger that
+    /// goes exactly where it is meant to.
+    pub arm_stiffness_n_per_m: f64,
+    /// Duration \[s\].
+    pub duration_s: f64,
+    /// Time from sampling the instruments to the new valve voltage \[s\], within one tick.
+    pub output_delay_s: f64,
+    /// Noise of the strain-gauge bridge \[N rms\].
+    pub bridge_noise_n: f64,
+    /// Noise of the pressure sensor \[Pa rms\].
+    pub pressure_noise_pa: f64,
+    /// Seed of all noise.
+    pub seed: u64,
+    /// Tolerance of the integrator.
+    pub tolerance: f64,
+}
+
+impl Experiment {
+    /// The paper's lift and hold.
+    pub const PAPER: Experiment = Experiment {
+        finger: Finger::PAPER,
+        arm_stiffness_n_per_m: f64::INFINITY,
+        duration_s: 6.0,
+        output_delay_s: 100e-6,
+        bridge_noise_n: 0.02,
+        pressure_noise_pa: 250.0,
+        seed: 1,
+        tolerance: crate::plant::simulation::TOLERANCE,
+    };
+}
+
+/// One tick: the truth when the instruments were sampled, and what the controller made of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick {
+    /// Time of sampling \[s\].
+    pub time_s: f64,
+    /// Finger displacement x \[m\].
+    pub finger_m: f64,
+    /// Finger force F_b \[N\], Eq 6.
+    pub finger_force_n: f64,
+    /// Muscle force F \[N\].
+    pub force_n: f64,
+    /// Contraction ε \[-\].
+    pub contraction: f64,
+    /// Pressure in the muscle.
+    pub pressure: GaugePa<f64>,
+    /// Gas temperature \[K\].
+    pub temperature_k: f64,
+    /// Reference pressure at the valve's input from this tick on.
+    pub valve_reference: GaugePa<f64>,
+    /// What the controller read.
+    pub sensors: Sensors,
+    /// What the controller did.
+    pub output: Output,
+}
+
+/// Why an experiment did not run.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The rig does not fit.
+    #[error(transparent)]
+    Input(#[from] BadInput),
+    /// The plant left physics.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+}
+
+/// The lever and the hand on it.
+struct Hand {
+    assist: Assist<f64>,
+    initial_length_m: f64,
+    arm_stiffness_n_per_m: f64,
+}
+
+impl Hand {
+    /// Finger displacement \[m\]: the lever's spring (Eq 6) and the arm's share the way between
+    /// the intended place and the main lever.
+    fn finger_m(&self, intended_m: f64, contraction: f64) -> f64 {
+        if self.arm_stiffness_n_per_m.is_infinite() {
+            return intended_m;
+        }
+        let lever_m = self.assist.lever_travel_m(self.initial_length_m) * contraction;
+        let (arm, lever) = (
+            self.arm_stiffness_n_per_m,
+            self.assist.input_stiffness_n_per_m,
+        );
+        (arm * intended_m + lever * lever_m) / (arm + lever)
+    }
+
+    fn force_n(&self, finger_m: f64, contraction: f64) -> f64 {
+        self.assist
+            .finger_force_n(finger_m, contraction, self.initial_length_m)
+    }
+}
+
+/// What the board's converters make of the instruments' signals.
+fn sample(
+    settings: &Settings,
+    bridge_n: f64,
+    pressure_pa: f64,
+    contraction: f64,
+    request: Request,
+) -> Sensors {
+    let values = settings.values();
+    let travel_m = contraction * f64::from(values.muscle.initial_length_m);
+    let counts = (travel_m / f64::from(values.encoder_m_per_count)).round();
+    // The converters' 12 bits are coarser than single precision.
+    let adc = |scale: &AdcScale, value: f64| -> AdcCount { scale.count(value as f32) };
+    Sensors {
+        bridge: adc(&values.bridge, bridge_n),
+        pressure: adc(&values.pressure_sensor, pressure_pa),
+        encoder: EncoderCount(counts as i32 as u32),
+        missed_ticks: 0,
+        request,
+    }
+}
+
+/// The settings of a board on `rig`: the rig's muscle, gain and supply, with the electronics and
+/// limits of [`SettingsValues::reference`].
+///
+/// # Errors
+/// The rig asks for what no board may do; a section is missing.
+pub fn settings(rig: &Rig) -> Result<Settings, BadInput> {
+    let mut values = SettingsValues::reference();
+    let (muscle, assist, valve) = (&rig.muscle, rig.require_assist()?, rig.require_valve()?);
+    values.muscle = Muscle {
+        alpha_m2: muscle.alpha_m2 as f32,
+        beta_m2: muscle.beta_m2 as f32,
+        gamma_n: muscle.gamma_n as f32,
+        initial_length_m: muscle.initial_length_m as f32,
+    };
+    values.gain = assist.gain as f32;
+    let supply_pa = valve.supply_pressure.0 as f32;
+    values.supply_pressure_pa = supply_pa;
+    values.pressure_pa_max = values.pressure_pa_max.min(supply_pa);
+    Settings::new(values)
+        .map_err(|error| rig.bad("assist", &format!("a rig a board can run, {error}")))
+}
+
+/// Runs `experiment` on `rig`'s plant with the electronics of `settings` and a controller `tick`
+/// (model-core's, in whatever place it runs). The muscle begins vented, the weight on its stop.
+///
+/// # Errors
+/// The rig lacks a section; the plant has no solution.
+pub fn run(
+    rig: &Rig,
+    settings: &Settings,
+    experiment: &Experiment,
+    mut tick: impl FnMut(&Sensors) -> Output,
+) -> Result<Vec<Tick>, Error> {
+    let plant = Plant::new(
+        rig,
+        Simulated {
+            pressure: true,
+            motion: true,
+        },
+    )?;
+    let hand = Hand {
+        assist: *rig.require_assist()?,
+        initial_length_m: rig.muscle.initial_length_m,
+        arm_stiffness_n_per_m: experiment.arm_stiffness_n_per_m,
+    };
+    let initial = Initial {
+        time_s: 0.0,
+        contraction: 0.0,
+        contraction_rate_per_s: 0.0,
+        pressure: GaugePa(0.0),
+        temperature_k: plant.ambient_temperature_k,
+    };
+    let mut drive = Drive::default();
+    let mut simulation = Simulation::new(plant, &initial, &drive, experiment.tolerance);
+    let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);
+    let mut request = Request::None;
+    let ticks = (experiment.duration_s / TICK_S).round() as usize;
+    let mut run = Vec::with_capacity(ticks);
+    for number in 0..ticks {
+        let time_s = number as f64 * TICK_S;
+        let reading = simulation.read();
+        let finger_m = hand.finger_m(
+            experiment.finger.intended_m(time_s),
+            simulation.contraction(),
+        );
+        let finger_force_n = hand.force_n(finger_m, simulation.contraction());
+        let mut normal = || -> f64 { StandardNormal.sample(&mut noise) };
+        let bridge_n = finger_force_n + experiment.bridge_noise_n * normal();
+        let pressure_pa = reading.pressure.0 + experiment.pressure_noise_pa * normal();
+        let sensors = sample(
+            settings,
+            bridge_n,
+            pressure_pa,
+            reading.contraction,
+            request,
+        );
+        let output = tick(&sensors);
+        // The person asks for assistance as soon as it is offered.
+        request = if output.mode == Mode::Ready {
+            Request::Assist
+        } else {
+            Request::None
+        };
+        let valve_reference = settings.values().valve_drive.pressure(output.valve);
+        let valve_reference = GaugePa(valve_reference.0.into());
+        run.push(Tick {
+            time_s,
+            finger_m,
+            finger_force_n,
+            force_n: simulation.force_n(),
+            contraction: simulation.contraction(),
+            pressure: simulation.pressure(),
+            temperature_k: simulation.temperature_k(),
+            valve_reference,
+            sensors,
+            output,
+        });
+        simulation.advance(&drive, time_s + experiment.output_delay_s)?;
+        drive.reference = valve_reference;
+        simulation.advance(&drive, (number + 1) as f64 * TICK_S)?;
+    }
+    Ok(run)
+}
+
+/// The record that a board would write of `run`: what was read and sent, with the force of the
+/// plant as a load cell would see it.
+pub fn record(run: &[Tick]) -> Record {
+    let mut record = Record::new(run.iter().map(|tick| tick.time_s).collect());
+    let mut set = |name: &str, value: fn(&Tick) -> f64| {
+        record.set(name, run.iter().map(value).collect());
+    };
+    set(record::PRESSURE_REF_PA, |tick| tick.valve_reference.0);
+    set(record::PRESSURE_PA, |tick| tick.output.pressure.0.into());
+    set(record::CONTRACTION, |tick| tick.output.contraction.into());
+    set(record::FORCE_N, |tick| tick.force_n);
+    set(record::FINGER_M, |tick| tick.finger_m);
+    set(record::INPUT_FORCE_N, |tick| {
+        tick.output.finger_force_n.into()
+    });
+    set("reference_force_n", |tick| {
+        tick.output.reference_force_n.into()
+    });
+    let modes = run.iter().map(|tick| format!("{:?}", tick.output.mode));
+    record.set_text("mode", modes.collect());
+    let faults = run.iter().map(|tick| match tick.output.fault {
+        None => String::new(),
+        Some(fault) => format!("{fault:?}"),
+    });
+    record.set_text("fault", faults.collect());
+    record
+}
+
+/// How well F followed F_c, from the finger's first movement to the end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Tracking {
+    /// RMS of F_c − F \[N\].
+    pub error_n_rms: f64,
+    /// Highest F_c \[N\].
+    pub reference_force_n_max: f64,
+    /// Mean delay of F behind F_c while both rise from 10 % to 90 % of the weight \[s\].
+    pub lag_s: Option<f64>,
+    /// How far the weight was lifted \[m\].
+    pub lift_m_max: f64,
+}
+
+/// When a rising signal first reaches `level` \[s\], between ticks on the line.
+fn reaches(run: &[Tick], level: f64, value: fn(&Tick) -> f64) -> Option<f64> {
+    let pair = run
+        .windows(2)
+        .find(|pair| value(&pair[0]) < level && value(&pair[1]) >= level)?;
+    let share = (level - value(&pair[0])) / (value(&pair[1]) - value(&pair[0]));
+    Some(pair[0].time_s + share * (pair[1].time_s - pair[0].time_s))
+}
+
+/// Tracking of a run of `rig` whose finger begins to move at `start_s`.
+///
+/// # Errors
+/// The rig has no weight.
+pub fn tracking(rig: &Rig, run: &[Tick], start_s: f64) -> Result<Tracking, BadInput> {
+    let weight_n = design::weight(rig)?.mass_kg * GRAVITY_M_PER_S2;
+    let run = &run[run.partition_point(|tick| tick.time_s < start_s)..];
+    let asked = |tick: &Tick| f64::from(tick.output.reference_force_n);
+    let largest = |value: &dyn Fn(&Tick) -> f64| run.iter().map(value).fold(0.0, f64::max);
+    let squares = run
+        .iter()
+        .map(|tick| (asked(tick) - tick.force_n).powi(2))
+        .sum::<f64>();
+    let levels = (1..10).map(|tenth| 0.1 * f64::from(tenth) * weight_n);
+    let delays: Option<Vec<f64>> = levels
+        .map(|level| {
+            let asked_s = reaches(run, level, |tick| tick.output.reference_force_n.into())?;
+            Some(reaches(run, level, |tick| tick.force_n)? - asked_s)
+        })
+        .collect();
+    Ok(Tracking {
+        error_n_rms: (squares / run.len().max(1) as f64).sqrt(),
+        reference_force_n_max: largest(&asked),
+        lag_s: delays.map(|delays| delays.iter().sum::<f64>() / delays.len() as f64),
+        lift_m_max: rig.muscle.initial_length_m * largest(&|tick| tick.contraction),
+    })
+}

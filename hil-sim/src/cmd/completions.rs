@@ -1,0 +1,20 @@
+//! `hil-sim completions SHELL`.
+
+use crate::Failure;
+use clap::CommandFactory;
+use clap_complete::{Shell, generate};
+
+/// Example: hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim
+#[derive(clap::Args)]
+pub struct Args {
+    /// The shell
+    shell: Shell,
+}
+
+/// Prints the completions of `Cli`.
+pub fn run<Cli: CommandFactory>(args: &Args) -> Result<(), Failure> {
+    let mut script = Vec::new();
+    generate(args.shell, &mut Cli::command(), "hil-sim", &mut script);
+    super::print(&String::from_utf8_lossy(&script));
+    Ok(())
+}

@@ -1,0 +1,24 @@
+//! `hil-sim paper`.
+
+use super::Common;
+use crate::Failure;
+use hil_sim::closed_loop::{Experiment, record};
+use hil_sim::paper::paper;
+
+/// The paper's figures and numbers, ours beside what it says
+#[derive(clap::Args, Default)]
+pub struct Args {
+    #[command(flatten)]
+    common: Common,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let rig = args.common.rig()?;
+    let (report, summary, runs) = paper(&rig, &Experiment::PAPER)?;
+    for run in &runs {
+        let name = format!("{}.csv", run.name.replace(' ', "-"));
+        record(&run.ticks).write(&args.common.path(&name)?)?;
+    }
+    args.common.finish(&report, &summary)
+}

@@ -1,0 +1,53 @@
+//! `hil-sim rig`.
+
+use super::shown;
+use crate::Failure;
+use hil_sim::error::BadInput;
+use hil_sim::output::write_atomically;
+use hil_sim::rig::Rig;
+use std::path::PathBuf;
+
+/// Rig files
+#[derive(clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(clap::Subcommand)]
+enum Command {
+    /// Write the paper's rig, commented, as a start for your own
+    New {
+        /// The file to write
+        #[arg(default_value = "rig.toml")]
+        path: PathBuf,
+        /// Overwrite a file that is there
+        #[arg(long)]
+        force: bool,
+    },
+    /// Read a rig file and say what is wrong with it
+    Check {
+        /// The file to read
+        path: PathBuf,
+    },
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    match &args.command {
+        Command::New { path, force } => {
+            if path.exists() && !force {
+                let expected = "no file here, or --force to overwrite it";
+                return Err(BadInput::file(shown(path), expected).into());
+            }
+            write_atomically(path, Rig::REFERENCE_TOML.as_bytes())?;
+            eprintln!("written: {}", path.display());
+        }
+        Command::Check { path } => {
+            let rig = Rig::read(path)?;
+            let effects = rig.effects.len();
+            super::print(&format!("{}: a rig, {effects} effects\n", path.display()));
+        }
+    }
+    Ok(())
+}

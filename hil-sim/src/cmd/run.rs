@@ -1,0 +1,172 @@
+//! `hil-sim run`.
+
+use super::Common;
+use crate::Failure;
+use hil_sim::closed_loop::{Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::error::BadInput;
+use hil_sim::paper::{assist, assist_plots, both_valves, tracking_table};
+use hil_sim::record::{FINGER_M, Record};
+use hil_sim::report::{Report, Section};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// The assist experiment: a finger lifts and holds the weight through the muscle
+///
+/// Without --rig it runs the paper's Fig 8, with valve A and with valve B.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim run
+  hil-sim run --rig rig.toml --travel 0.08 --rise 0.6 --duration 12
+  hil-sim run --finger measured.csv --arm-stiffness 500")]
+pub struct Args {
+    #[command(flatten)]
+    common: Common,
+    /// A record whose column `finger_m` is the finger's path, instead of a scripted one
+    #[arg(long, value_name = "REC.csv", conflicts_with_all = ["travel", "rise", "hold", "lower"])]
+    finger: Option<PathBuf>,
+    /// How far the finger lifts [m]
+    #[arg(long, default_value_t = 0.12, value_parser = in_range::<-1000, 1000>)]
+    travel: f64,
+    /// How long it takes to lift [s]
+    #[arg(long, default_value_t = 1.0, value_parser = in_range::<0, 1000000>)]
+    rise: f64,
+    /// How long it holds [s]
+    #[arg(long, default_value_t = 4.0, value_parser = in_range::<0, 1000000>)]
+    hold: f64,
+    /// How long it takes to lower [s]
+    #[arg(long, default_value_t = 1.5, value_parser = in_range::<0, 1000000>)]
+    lower: f64,
+    /// Duration [s]; as long as the finger moves if left out
+    #[arg(long, value_parser = in_range::<0, 1000000>)]
+    duration: Option<f64>,
+    /// Stiffness of the person's arm [N/m]; infinite if left out
+    #[arg(long, value_parser = in_range::<0, 100000000>)]
+    arm_stiffness: Option<f64>,
+    /// Time from sampling to the valve [s], within one tick
+    #[arg(long, default_value_t = Experiment::PAPER.output_delay_s, value_parser = delay)]
+    output_delay: f64,
+    /// Seed of all noise
+    #[arg(long, default_value_t = Experiment::PAPER.seed)]
+    seed: u64,
+}
+
+/// A number above `MIN` thousandths (or zero where `MIN` is) and up to `MAX` thousandths.
+fn in_range<const MIN: i64, const MAX: i64>(text: &str) -> Result<f64, String> {
+    let (min, max) = (MIN as f64 / 1e3, MAX as f64 / 1e3);
+    match text.parse() {
+        Ok(value) if (min..=max).contains(&value) => Ok(value),
+        _ => Err(format!("expected a number from {min} to {max}")),
+    }
+}
+
+fn delay(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(value) if (0.0..=TICK_S).contains(&value) => Ok(value),
+        _ => Err(format!("expected a number from 0 to {TICK_S}")),
+    }
+}
+
+#[derive(Serialize)]
+struct Summary {
+    seed: u64,
+    runs: Vec<RunSummary>,
+}
+
+#[derive(Serialize)]
+struct RunSummary {
+    name: String,
+    tracking: Tracking,
+    record: String,
+}
+
+impl Args {
+    fn experiment(&self) -> Result<Experiment, BadInput> {
+        let start_s = 1.0;
+        let (finger, ends_s) = match &self.finger {
+            None => {
+                let finger = Finger::Lift {
+                    start_s,
+                    travel_m: self.travel,
+                    rise_s: self.rise.max(TICK_S),
+                    hold_s: self.hold,
+                    lower_s: self.lower.max(TICK_S),
+                };
+                (finger, start_s + self.rise + self.hold + self.lower + 1.0)
+            }
+            Some(path) => {
+                let recorded = Record::read(path)?;
+                let path = recorded.require(FINGER_M)?.iter().zip(recorded.time_s());
+                let present = path.filter(|(finger_m, _)| !finger_m.is_nan());
+                let (finger_m, time_s): (Vec<f64>, Vec<f64>) = present.unzip();
+                let Some(ends_s) = time_s.last().copied() else {
+                    return Err(recorded.bad(FINGER_M, "at least one sample, found none"));
+                };
+                (
+                    Finger::Recorded { time_s, finger_m },
+                    ends_s.clamp(TICK_S, 1e4),
+                )
+            }
+        };
+        Ok(Experiment {
+            finger,
+            arm_stiffness_n_per_m: self.arm_stiffness.unwrap_or(f64::INFINITY),
+            duration_s: self.duration.unwrap_or(ends_s),
+            output_delay_s: self.output_delay,
+            seed: self.seed,
+            ..Experiment::PAPER
+        })
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let common = &args.common;
+    let rig = common.rig()?;
+    let experiment = args.experiment()?;
+    eprintln!("seed: {}", args.seed);
+    let runs = match common.rig {
+        None => both_valves(&rig, &experiment)?,
+        Some(_) => vec![assist("assist", &rig, &experiment)?],
+    };
+    let mut summary = Summary {
+        seed: args.seed,
+        runs: Vec::new(),
+    };
+    for run in &runs {
+        let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
+        record(&run.ticks).write(&path)?;
+        summary.runs.push(RunSummary {
+            name: run.name.clone(),
+            tracking: run.tracking,
+            record: super::shown(&path),
+        });
+    }
+    let verdict = runs.iter().map(|run| {
+        let lag = run
+            .tracking
+            .lag_s
+            .map_or("never rises with it".into(), |lag_s| {
+                format!("lags by {:.0} ms", 1e3 * lag_s)
+            });
+        let error_n = run.tracking.error_n_rms;
+        format!(
+            "{}: the force {lag}; RMS of F_c − F {error_n:.1} N.",
+            run.name
+        )
+    });
+    let report = Report {
+        title: "The assist experiment".into(),
+        verdict: verdict.collect(),
+        sections: vec![Section {
+            heading: "Runs".into(),
+            text: vec![
+                "The controller in these runs is the one that is flashed to the board.".into(),
+            ],
+            tables: vec![tracking_table(&runs)],
+            plots: assist_plots(&runs),
+        }],
+        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+    };
+    common.finish(&report, &summary)
+}

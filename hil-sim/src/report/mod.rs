@@ -1,0 +1,370 @@
+//! One result, for the eye: a self-contained `report.html`, and the same words for a terminal.
+//!
+//! The page opens offline. Its plots are uPlot's (assets/, MIT): drag to zoom, double-click to see
+//! all again, hover for values; plots of one `sync` group share cursor and zoom.
+
+use serde::Serialize;
+use std::fmt::Write;
+
+const STYLE: &str = include_str!("../../assets/report.css");
+const SCRIPT: &str = include_str!("../../assets/report.js");
+const PLOT_STYLE: &str = include_str!("../../assets/uPlot.min.css");
+const PLOT_SCRIPT: &str = include_str!("../../assets/uPlot.iife.min.js");
+
+/// Digits that a plotted number keeps: finer than a pixel at any zoom one would use.
+const DIGITS: usize = 6;
+
+/// A whole report.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// What it is about.
+    pub title: String,
+    /// The result in words, each sentence with its number; the first is the headline.
+    pub verdict: Vec<String>,
+    /// The rest, in reading order.
+    pub sections: Vec<Section>,
+    /// Commands that make the same report again.
+    pub repeat: Vec<String>,
+}
+
+/// A part with a heading.
+#[derive(Clone, Debug, Default)]
+pub struct Section {
+    /// Its heading.
+    pub heading: String,
+    /// Paragraphs.
+    pub text: Vec<String>,
+    /// Tables, before the plots.
+    pub tables: Vec<Table>,
+    /// Plots.
+    pub plots: Vec<Plot>,
+}
+
+/// A table of words.
+#[derive(Clone, Debug, Default)]
+pub struct Table {
+    /// What it shows.
+    pub caption: String,
+    /// Column headings.
+    pub columns: Vec<String>,
+    /// Rows, one cell a column.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// An axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct Axis {
+    /// The quantity, in words.
+    pub label: String,
+    /// The unit that is shown; may be empty.
+    pub unit: String,
+    /// Shown value over SI value.
+    pub factor: f64,
+    /// Logarithmic.
+    pub log: bool,
+}
+
+impl Axis {
+    /// A linear axis in SI units times `factor`.
+    pub fn new(label: &str, unit: &str, factor: f64) -> Axis {
+        Axis {
+            label: label.into(),
+            unit: unit.into(),
+            factor,
+            log: false,
+        }
+    }
+
+    /// The same, logarithmic.
+    pub fn log(self) -> Axis {
+        Axis { log: true, ..self }
+    }
+}
+
+/// A line of a plot.
+#[derive(Clone, Debug, Serialize)]
+pub struct Series {
+    /// Its name in the legend.
+    pub name: String,
+    /// Abscissae in SI units, rising.
+    #[serde(serialize_with = "numbers")]
+    pub x: Vec<f64>,
+    /// Ordinates in SI units; a NaN is a gap.
+    #[serde(serialize_with = "numbers")]
+    pub y: Vec<f64>,
+    /// Dashed: a reference, a model.
+    pub dashed: bool,
+}
+
+impl Series {
+    /// A drawn line.
+    pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Series {
+        Series {
+            name: name.into(),
+            x,
+            y,
+            dashed: false,
+        }
+    }
+
+    /// The same, dashed.
+    pub fn dashed(self) -> Series {
+        Series {
+            dashed: true,
+            ..self
+        }
+    }
+}
+
+/// A straight line across a plot.
+#[derive(Clone, Debug, Serialize)]
+pub struct Marker {
+    /// Vertical, at an abscissa; else horizontal, at an ordinate.
+    pub vertical: bool,
+    /// Where, in SI units.
+    pub value: f64,
+    /// What it means.
+    pub label: String,
+}
+
+/// A plot.
+#[derive(Clone, Debug, Serialize)]
+pub struct Plot {
+    /// Its title.
+    pub title: String,
+    /// What there is to see.
+    pub caption: String,
+    /// Abscissa.
+    pub x: Axis,
+    /// Ordinate.
+    pub y: Axis,
+    /// Lines.
+    pub series: Vec<Series>,
+    /// Lines across.
+    pub markers: Vec<Marker>,
+    /// Plots with the same name here share cursor and zoom.
+    pub sync: Option<String>,
+}
+
+/// Writes numbers with the digits that can be seen, and null for what is none.
+fn numbers<S: serde::Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(values.iter().map(|value| {
+        let rounded = format!("{value:.*e}", DIGITS - 1).parse::<f64>();
+        rounded.ok().filter(|value| value.is_finite())
+    }))
+}
+
+/// `text` as HTML shows it.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped.push_str("&amp;"),
+            '<' => escaped.push_str("&lt;"),
+            '>' => escaped.push_str("&gt;"),
+            '"' => escaped.push_str("&quot;"),
+            other => escaped.push(other),
+        }
+    }
+    escaped
+}
+
+impl Report {
+    /// The report as one HTML file.
+    pub fn to_html(&self) -> String {
+        let mut body = String::new();
+        let mut plots = Vec::new();
+        // Writing to a string cannot fail.
+        let _ = self.write_body(&mut body, &mut plots);
+        // In a script only "</" could end the data early.
+        let data = serde_json::to_string(&plots)
+            .unwrap_or_default()
+            .replace("</", "<\\/");
+        format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+             <meta name=\"color-scheme\" content=\"light dark\">\n\
+             <title>{}</title>\n<style>{PLOT_STYLE}\n{STYLE}</style></head>\n\
+             <body><main>{body}</main>\n<script>{PLOT_SCRIPT}</script>\n\
+             <script id=\"plots\" type=\"application/json\">{data}</script>\n\
+             <script>{SCRIPT}</script></body></html>\n",
+            escaped(&self.title)
+        )
+    }
+
+    fn write_body<'a>(&'a self, html: &mut String, plots: &mut Vec<&'a Plot>) -> std::fmt::Result {
+        writeln!(html, "<header><h1>{}</h1>", escaped(&self.title))?;
+        for (number, sentence) in self.verdict.iter().enumerate() {
+            let class = if number == 0 { "headline" } else { "verdict" };
+            writeln!(html, "<p class=\"{class}\">{}</p>", escaped(sentence))?;
+        }
+        writeln!(html, "</header>")?;
+        for section in &self.sections {
+            writeln!(html, "<section><h2>{}</h2>", escaped(&section.heading))?;
+            for paragraph in &section.text {
+                writeln!(html, "<p>{}</p>", escaped(paragraph))?;
+            }
+            for table in &section.tables {
+                table.write_html(html)?;
+            }
+            writeln!(html, "<div class=\"plots\">")?;
+            for plot in &section.plots {
+                let (title, caption) = (escaped(&plot.title), escaped(&plot.caption));
+                writeln!(
+                    html,
+                    "<figure><h3>{title}</h3><div class=\"plot\" data-plot=\"{}\" role=\"img\" \
+                     aria-label=\"{title}: {caption}\"></div><figcaption>{caption}</figcaption>\
+                     </figure>",
+                    plots.len()
+                )?;
+                plots.push(plot);
+            }
+            writeln!(html, "</div></section>")?;
+        }
+        writeln!(html, "<footer><h2>How to repeat</h2>")?;
+        for command in &self.repeat {
+            writeln!(html, "<pre><code>{}</code></pre>", escaped(command))?;
+        }
+        writeln!(
+            html,
+            "<p class=\"hint\">In the plots: drag to zoom, double-click to see all again.</p></footer>"
+        )
+    }
+
+    /// The words and tables, for a terminal.
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        let _ = self.write_text(&mut text);
+        text
+    }
+
+    fn write_text(&self, text: &mut String) -> std::fmt::Result {
+        writeln!(text, "{}\n", self.title)?;
+        for sentence in &self.verdict {
+            writeln!(text, "{sentence}")?;
+        }
+        for section in self
+            .sections
+            .iter()
+            .filter(|section| !section.tables.is_empty())
+        {
+            writeln!(text, "\n{}", section.heading)?;
+            for table in &section.tables {
+                table.write_text(text)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Table {
+    fn write_html(&self, html: &mut String) -> std::fmt::Result {
+        writeln!(
+            html,
+            "<div class=\"table\"><table><caption>{}</caption>",
+            escaped(&self.caption)
+        )?;
+        write!(html, "<thead><tr>")?;
+        for column in &self.columns {
+            write!(html, "<th scope=\"col\">{}</th>", escaped(column))?;
+        }
+        writeln!(html, "</tr></thead><tbody>")?;
+        for row in &self.rows {
+            write!(html, "<tr>")?;
+            for (number, cell) in row.iter().enumerate() {
+                let (tag, scope) = if number == 0 {
+                    ("th", " scope=\"row\"")
+                } else {
+                    ("td", "")
+                };
+                write!(html, "<{tag}{scope}>{}</{tag}>", escaped(cell))?;
+            }
+            writeln!(html, "</tr>")?;
+        }
+        writeln!(html, "</tbody></table></div>")
+    }
+
+    fn write_text(&self, text: &mut String) -> std::fmt::Result {
+        let rows = std::iter::once(&self.columns).chain(&self.rows);
+        let width = |column: usize| {
+            let cells = rows.clone().filter_map(|row| row.get(column));
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
+        };
+        let widths: Vec<usize> = (0..self.columns.len()).map(width).collect();
+        for row in rows.clone() {
+            let cells = row.iter().zip(&widths);
+            let padded: Vec<String> = cells
+                .map(|(cell, width)| format!("{cell:<width$}"))
+                .collect();
+            writeln!(text, "  {}", padded.join("  ").trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample() -> Report {
+        Report {
+            title: "a <b> & \"c\"".into(),
+            verdict: vec!["</script><script>alert(1)</script>".into()],
+            sections: vec![Section {
+                heading: "h".into(),
+                plots: vec![Plot {
+                    title: "</script>".into(),
+                    caption: "c".into(),
+                    x: Axis::new("time", "s", 1.0),
+                    y: Axis::new("force", "N", 1.0),
+                    series: vec![Series::new("F", vec![0.0, 1.0], vec![1.0 / 3.0, f64::NAN])],
+                    markers: Vec::new(),
+                    sync: None,
+                }],
+                ..Section::default()
+            }],
+            repeat: vec!["hil-sim".into()],
+        }
+    }
+
+    #[test]
+    fn text_cannot_leave_its_place() {
+        let html = sample().to_html();
+        // Three scripts of ours, and no other end of one.
+        assert_eq!(html.matches("</script>").count(), 3);
+        assert!(html.contains("&lt;/script&gt;&lt;script&gt;alert(1)"));
+        assert!(html.contains("a &lt;b&gt; &amp; &quot;c&quot;"));
+    }
+
+    #[test]
+    fn nothing_is_fetched() {
+        let html = sample().to_html();
+        for fetched in [
+            " src=",
+            " href=",
+            "@import",
+            "url(",
+            "fetch(",
+            "XMLHttpRequest",
+        ] {
+            assert!(!html.contains(fetched), "{fetched}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_short_and_gaps_are_null() {
+        assert!(sample().to_html().contains("\"y\":[0.333333,null]"));
+    }
+
+    #[test]
+    fn tables_line_up_in_text() {
+        let table = Table {
+            caption: String::new(),
+            columns: vec!["ω₂".into(), "unit".into()],
+            rows: vec![vec!["25.13".into(), "rad/s".into()]],
+        };
+        let mut text = String::new();
+        table.write_text(&mut text).expect("memory");
+        assert_eq!(text, "  ω₂     unit\n  25.13  rad/s\n");
+    }
+}
