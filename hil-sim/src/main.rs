@@ -7,7 +7,7 @@ mod cmd;
 use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, paper, simulate};
+use hil_sim::{closed_loop, paper};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -52,8 +52,6 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    Simulate(#[from] simulate::Error),
-    #[error(transparent)]
     Paper(#[from] paper::Error),
 }
 
@@ -63,7 +61,6 @@ impl Failure {
             self,
             Failure::Input(_)
                 | Failure::NotWritten(_)
-                | Failure::Simulate(simulate::Error::Input(_))
                 | Failure::Paper(
                     paper::Error::Input(_) | paper::Error::ClosedLoop(closed_loop::Error::Input(_))
                 )

@@ -102,12 +102,20 @@ impl Record {
             columns,
         };
         let mut row = csv::StringRecord::new();
+        let mut line = 1;
         while reader
             .read_record(&mut row)
             .map_err(|error| not_csv(name, &error))?
         {
-            let line = row.position().map_or(0, |position| position.line()) as usize;
+            line = row.position().map_or(0, |position| position.line()) as usize;
             record.push(line, &row)?;
+        }
+        // The reader takes all that follows an open quote for one cell.
+        if bytes.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
+            return Err(BadInput {
+                line: Some(line),
+                ..BadInput::file(name, "a closing quote, found the end of the file")
+            });
         }
         if record.time_s.is_empty() {
             return Err(BadInput {
@@ -184,6 +192,15 @@ impl Record {
     pub fn bad(&self, column: &str, expected: &str) -> BadInput {
         BadInput {
             place: Some(format!("column `{column}`")),
+            ..BadInput::file(&self.file, expected)
+        }
+    }
+
+    /// Bad input at `time_s` of the record.
+    pub fn bad_at(&self, time_s: f64, expected: &str) -> BadInput {
+        BadInput {
+            // The header is line 1.
+            line: Some(1 + self.time_s.partition_point(|row_s| *row_s <= time_s).max(1)),
             ..BadInput::file(&self.file, expected)
         }
     }

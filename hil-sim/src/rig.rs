@@ -103,7 +103,7 @@ pub struct Rig {
 /// the file, not the rig.
 const LIMITS: [(&str, &str, f64, f64); 22] = [
     ("muscle", "alpha_m2", 1e-9, 10.0),
-    ("muscle", "beta_m2", -10.0, 0.0),
+    ("muscle", "beta_m2", -10.0, 10.0),
     ("muscle", "gamma_n", -1e5, 1e5),
     ("muscle", "volume_d1_m3", -10.0, 10.0),
     ("muscle", "volume_d2_m3", -10.0, 10.0),

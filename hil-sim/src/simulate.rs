@@ -9,17 +9,6 @@ use crate::record::{self, Record};
 use crate::rig::{Load, Rig};
 use model_core::pressure::GaugePa;
 
-/// Why a record was not simulated.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// Rig or record do not fit.
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    /// The plant left physics.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-}
-
 /// What comes in, row by row: measured signals turned into the truth at their place, gaps filled.
 pub(crate) struct Inputs<'a> {
     pub time_s: &'a [f64],
@@ -187,14 +176,14 @@ fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
 /// from the record's first second ([`initial::estimate`]).
 ///
 /// # Errors
-/// Rig and record do not fit together, or the plant has no solution.
-pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, Error> {
+/// Rig and record do not fit together, or the record's inputs take the plant out of physics.
+pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, BadInput> {
     let inputs = Inputs::new(rig, record)?;
     let initial = initial::estimate(rig, record, &inputs)?;
     let rows = record.time_s().len();
     let mut columns = [(); 4].map(|()| Vec::with_capacity(rows));
     let plant = Plant::new(rig, inputs.simulated)?;
-    inputs.run(plant, &initial, tolerance, rows, |_, simulation| {
+    let visit = |_, simulation: &Simulation| {
         let reading = simulation.read();
         let values = [
             reading.pressure.0,
@@ -205,7 +194,15 @@ pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, Er
         for (column, value) in columns.iter_mut().zip(values) {
             column.push(value);
         }
-    })?;
+    };
+    inputs
+        .run(plant, &initial, tolerance, rows, visit)
+        .map_err(|error| {
+            record.bad_at(
+                error.time_s(),
+                &format!("inputs that the plant can follow, {error}"),
+            )
+        })?;
     let mut simulated = record.clone();
     let [pressure_pa, contraction, force_n, temperature_k] = columns;
     simulated.set(record::PRESSURE_PA, pressure_pa);

@@ -110,7 +110,8 @@ fn self_check_takes_the_zeros_and_assisting_begins_without_a_bump() {
 
 #[test]
 fn self_check_names_what_disturbs_it() {
-    let disturbances: [(fn(&mut Bench), Fault); 3] = [
+    type Disturb = fn(&mut Bench);
+    let disturbances: [(Disturb, Fault); 3] = [
         (|bench| bench.finger_n = 5.0, Fault::LoadedLever),
         (|bench| bench.pressure_pa = 1e5, Fault::NotVented),
         (
@@ -178,7 +179,8 @@ fn fault_after(mut bench: Bench, ticks: u32, corrupt: fn(&mut Sensors, u32)) -> 
 #[test]
 fn broken_sensors_are_faults_with_their_reason() {
     let range = |fault: fn(Doubt) -> Fault| (fault(Doubt::Range), 3);
-    let cases: [(fn(&mut Sensors, u32), (Fault, u32)); 7] = [
+    type Corrupt = fn(&mut Sensors, u32);
+    let cases: [(Corrupt, (Fault, u32)); 7] = [
         (
             |sensors, _| sensors.bridge = AdcCount(0),
             range(Fault::Bridge),

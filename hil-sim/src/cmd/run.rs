@@ -26,44 +26,36 @@ pub struct Args {
     #[arg(long, value_name = "REC.csv", conflicts_with_all = ["travel", "rise", "hold", "lower"])]
     finger: Option<PathBuf>,
     /// How far the finger lifts [m]
-    #[arg(long, default_value_t = 0.12, value_parser = in_range::<-1000, 1000>)]
+    #[arg(long, default_value_t = 0.12, value_parser = between(-1.0, 1.0))]
     travel: f64,
     /// How long it takes to lift [s]
-    #[arg(long, default_value_t = 1.0, value_parser = in_range::<0, 1000000>)]
+    #[arg(long, default_value_t = 1.0, value_parser = between(0.0, 1e3))]
     rise: f64,
     /// How long it holds [s]
-    #[arg(long, default_value_t = 4.0, value_parser = in_range::<0, 1000000>)]
+    #[arg(long, default_value_t = 4.0, value_parser = between(0.0, 1e3))]
     hold: f64,
     /// How long it takes to lower [s]
-    #[arg(long, default_value_t = 1.5, value_parser = in_range::<0, 1000000>)]
+    #[arg(long, default_value_t = 1.5, value_parser = between(0.0, 1e3))]
     lower: f64,
     /// Duration [s]; as long as the finger moves if left out
-    #[arg(long, value_parser = in_range::<0, 1000000>)]
+    #[arg(long, value_parser = between(0.0, 1e3))]
     duration: Option<f64>,
     /// Stiffness of the person's arm [N/m]; infinite if left out
-    #[arg(long, value_parser = in_range::<0, 100000000>)]
+    #[arg(long, value_parser = between(0.0, 1e5))]
     arm_stiffness: Option<f64>,
     /// Time from sampling to the valve [s], within one tick
-    #[arg(long, default_value_t = Experiment::PAPER.output_delay_s, value_parser = delay)]
+    #[arg(long, default_value_t = Experiment::PAPER.output_delay_s, value_parser = between(0.0, TICK_S))]
     output_delay: f64,
     /// Seed of all noise
     #[arg(long, default_value_t = Experiment::PAPER.seed)]
     seed: u64,
 }
 
-/// A number above `MIN` thousandths (or zero where `MIN` is) and up to `MAX` thousandths.
-fn in_range<const MIN: i64, const MAX: i64>(text: &str) -> Result<f64, String> {
-    let (min, max) = (MIN as f64 / 1e3, MAX as f64 / 1e3);
-    match text.parse() {
+/// Reads a number from `min` to `max`.
+fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| match text.parse() {
         Ok(value) if (min..=max).contains(&value) => Ok(value),
         _ => Err(format!("expected a number from {min} to {max}")),
-    }
-}
-
-fn delay(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(value) if (0.0..=TICK_S).contains(&value) => Ok(value),
-        _ => Err(format!("expected a number from 0 to {TICK_S}")),
     }
 }
 

@@ -182,11 +182,11 @@ impl Pneumatics {
 }
 
 impl Plant {
-    /// The plant of `rig`, as far as it is `simulated`.
+    /// The plant of `rig`, as far as it is `simulated`. An effect on a block that is not simulated
+    /// rests.
     ///
     /// # Errors
-    /// A section that is needed and missing; an effect on a block that is not simulated is
-    /// accepted and rests.
+    /// A section of the rig is needed and missing.
     pub fn new(rig: &Rig, simulated: Simulated) -> Result<Plant, BadInput> {
         let initial_length_m = rig.muscle.initial_length_m;
         let pneumatics = if simulated.pressure {

@@ -54,6 +54,15 @@ pub enum SimulationError {
     },
 }
 
+impl SimulationError {
+    /// When it could not go on \[s\].
+    pub fn time_s(&self) -> f64 {
+        match self {
+            SimulationError::NoStep { time_s, .. } | SimulationError::Chatter { time_s } => *time_s,
+        }
+    }
+}
+
 /// Where a simulation begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Initial {
@@ -96,9 +105,9 @@ pub struct Simulation {
 
 /// The state, in an array that fits the plant: the nominal one is the fast one.
 enum Core {
-    Nominal(Trajectory<NOMINAL_STATES>),
-    Some(Trajectory<12>),
-    Many(Trajectory<40>),
+    Nominal(Box<Trajectory<NOMINAL_STATES>>),
+    Some(Box<Trajectory<12>>),
+    Many(Box<Trajectory<40>>),
 }
 
 macro_rules! each {
@@ -118,9 +127,9 @@ impl Simulation {
     /// If the effects together have more than 36 states, which no rig file can ask for.
     pub fn new(plant: Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Simulation {
         let core = match plant.states() {
-            ..=NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
-            ..=12 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
-            ..=40 => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
+            NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
+            5..=12 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
+            13..=40 => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
             states => panic!("{states} states"),
         };
         let delay_s = plant.pneumatics.as_ref().map_or(0.0, |p| p.line.delay_s());
@@ -248,7 +257,7 @@ struct Trajectory<const N: usize> {
 }
 
 impl<const N: usize> Trajectory<N> {
-    fn new(plant: &Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Self {
+    fn new(plant: &Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Box<Self> {
         let mut state = [0.0; N];
         state[CONTRACTION] = initial.contraction;
         state[CONTRACTION_RATE] = initial.contraction_rate_per_s;
@@ -259,7 +268,7 @@ impl<const N: usize> Trajectory<N> {
         for (per_error, range) in per_error.iter_mut().zip(RANGES) {
             *per_error /= range;
         }
-        let mut trajectory = Trajectory {
+        let mut trajectory = Box::new(Trajectory {
             time_s: initial.time_s,
             state,
             motion: Motion::Stuck,
@@ -267,7 +276,7 @@ impl<const N: usize> Trajectory<N> {
             step_s_after_jump: 1e-3,
             step_s: 1e-3,
             work: Work::default(),
-        };
+        });
         if let Some(load) = &plant.load {
             trajectory.motion = if initial.contraction_rate_per_s > 0.0 {
                 Motion::Rising
@@ -298,7 +307,7 @@ impl<const N: usize> Trajectory<N> {
         for (error, per_error) in error.iter().zip(&self.per_error) {
             let relative = (error * per_error).abs();
             // Not `max`, which would hide a NaN.
-            if !(relative <= worst) {
+            if relative > worst || relative.is_nan() {
                 worst = relative;
             }
         }
@@ -433,11 +442,8 @@ impl<const N: usize> Trajectory<N> {
         let Some(load) = &plant.load else { return };
         self.state[CONTRACTION_RATE] = 0.0;
         // The stop takes the weight without a bounce.
-        if self.motion == Motion::Falling {
-            let step_back = self.state[CONTRACTION] < CONTACT;
-            if step_back {
-                self.state[CONTRACTION] = 0.0;
-            }
+        if self.motion == Motion::Falling && self.state[CONTRACTION] < CONTACT {
+            self.state[CONTRACTION] = 0.0;
         }
         self.motion = self.at_rest(plant, load);
     }
