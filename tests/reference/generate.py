@@ -101,7 +101,7 @@ def at_rest(pressure_pa):
 
 
 def step_case(gas_toml):
-    levels_kpa = [100, 250, 400, 150, 50, 200, 450, 300, 350, 120, 50, 400, 180, 220, 90, 380]
+    levels_kpa = [100, 250, 400, 150, 50, 200, 450, 300, 350, 120, 50, 360, 180, 220, 90, 380]
     durations_s = [0.3, 0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.3, 0.4, 0.3, 1.0, 0.5, 0.3, 0.4, 0.9, 1.0]
     from_s = np.concatenate([[0.0], np.cumsum(durations_s)[:-1]])
     time_s = row_times_s(8.0)

@@ -15,7 +15,6 @@ from scipy.integrate import solve_ivp
 R, CV, CP, G_M_PER_S2 = 287.0, 718.0, 1005.0, 9.80665
 MAX_STEP_S = 2e-3
 FLOW_BAND_PA = 1e-3  # the flow counts as reversed this far beyond zero pressure difference
-CHARGING, DISCHARGING, BALANCED = "charging", "discharging", "balanced"
 
 
 class Line(NamedTuple):
@@ -46,7 +45,7 @@ class Plant:
         self.valve, self.gas = rig.get("valve"), rig.get("gas")
         self.length_m = self.muscle["initial_length_m"]
         self.moves = self.load["kind"] == "weight"
-        self.motion, self.flow = 0, None
+        self.motion, self.charging = 0, True
         self.reference_pa = self.supply = self.pressure = self.contraction = None
 
     def volume_m3(self, eps):
@@ -83,33 +82,10 @@ class Plant:
         limited_pa = max(0.0, min(self.reference_pa, self.supply.at(time_s)))
         return limited_pa - self.gauge_pa(time_s, y)
 
-    def balance_w(self, time_s, y, heat_w_per_m2_k):
-        """Without flow the pressure rises against the valve's reference where this is positive."""
-        eps, rate_per_s = self.eps_and_rate(time_s, y)
-        volume_m3 = self.volume_m3(eps)
-        needed_w = CP / CV * y[3] / volume_m3 * self.volume_slope_m3(eps) * rate_per_s
-        if self.supply.at(time_s) < self.reference_pa:
-            needed_w += CV / R * volume_m3 * self.supply.slope
-        return heat_w_per_m2_k * self.heat_area_k_m2(eps, y) - needed_w
-
     def heat_area_k_m2(self, eps, y):
         """S_h (theta_a - theta)."""
         area_m2 = 2.0 * math.sqrt(math.pi * self.volume_m3(eps) * self.length_m * (1.0 - eps))
         return area_m2 * (self.gas["ambient_temperature_k"] - temperature_k(y))
-
-    def heat_coefficients(self):
-        charging = self.gas["heat_transfer_charging_w_per_m2_k"]
-        return charging, self.gas["heat_transfer_discharging_w_per_m2_k"]
-
-    def heat_coefficient(self, time_s, y):
-        """h; where either side's h drives the flow back through zero, the one that holds zero."""
-        charging, discharging = self.heat_coefficients()
-        if self.flow != BALANCED:
-            return charging if self.flow == CHARGING else discharging
-        high_w = self.balance_w(time_s, y, charging)
-        low_w = self.balance_w(time_s, y, discharging)
-        h = discharging - low_w * (charging - discharging) / (high_w - low_w)
-        return max(discharging, min(h, charging))
 
     def derivative(self, time_s, y):
         eps, rate_per_s = self.eps_and_rate(time_s, y)
@@ -126,7 +102,9 @@ class Plant:
             absolute_pa = R * y[3] / (CV * self.volume_m3(eps))
             power_w = CP * enthalpy_k * flow_kg_per_s
             power_w -= absolute_pa * self.volume_slope_m3(eps) * rate_per_s
-            power_w += self.heat_coefficient(time_s, y) * self.heat_area_k_m2(eps, y)
+            side = "charging" if self.charging else "discharging"
+            heat_w_per_m2_k = self.gas[f"heat_transfer_{side}_w_per_m2_k"]
+            power_w += heat_w_per_m2_k * self.heat_area_k_m2(eps, y)
             mass_flow_g = 1e3 * flow_kg_per_s
         return [y[1] if self.motion != 0 else 0.0, acceleration, mass_flow_g, power_w]
 
@@ -135,15 +113,6 @@ class Plant:
         if net_n > static_n:
             return 1
         return -1 if net_n < -static_n and y[0] > 0.0 else 0
-
-    def flow_mode(self, time_s, y):
-        gap_pa = self.gap_pa(time_s, y)
-        if abs(gap_pa) > 1.5 * FLOW_BAND_PA:
-            return CHARGING if gap_pa > 0.0 else DISCHARGING
-        high_w, low_w = (self.balance_w(time_s, y, h) for h in self.heat_coefficients())
-        if high_w > 0.0 > low_w:
-            return BALANCED
-        return CHARGING if high_w <= 0.0 else DISCHARGING
 
     def events(self, state):
         """(function, direction of its zero crossing, name, what to change)."""
@@ -160,16 +129,11 @@ class Plant:
                     (lambda t, y: self.net_n(t, y) + static_n, -1, "breakaway", self.sink)
                 )
         if self.pressure is None:
-            high, low = self.heat_coefficients()
-            if self.flow == BALANCED:
-                events.append((lambda t, y: self.balance_w(t, y, high), -1, "flow", self.charge))
-                events.append((lambda t, y: self.balance_w(t, y, low), 1, "flow", self.discharge))
-            else:
-                side = 1 if self.flow == CHARGING else -1
-                passed = side * FLOW_BAND_PA
-                events.append(
-                    (lambda t, y: self.gap_pa(t, y) + passed, -side, "flow", self.reverse_flow)
-                )
+            band_pa = FLOW_BAND_PA if self.charging else -FLOW_BAND_PA
+            direction = -1 if self.charging else 1
+            events.append(
+                (lambda t, y: self.gap_pa(t, y) + band_pa, direction, "flow", self.reverse_flow)
+            )
         return events
 
     def come_to_rest(self, time_s, y):
@@ -186,19 +150,13 @@ class Plant:
     def sink(self, _time_s, _y):
         self.motion = -1
 
-    def charge(self, _time_s, _y):
-        self.flow = CHARGING
-
-    def discharge(self, _time_s, _y):
-        self.flow = DISCHARGING
-
-    def reverse_flow(self, time_s, y):
-        self.flow = self.flow_mode(time_s, y)
+    def reverse_flow(self, _time_s, _y):
+        self.charging = not self.charging
 
     def advance(self, start_s, end_s, y, solver, counts):
         """State at the end of a span in which every input is smooth."""
-        if self.pressure is None:
-            self.flow = self.flow_mode(start_s, y)
+        if self.pressure is None and abs(gap_pa := self.gap_pa(start_s, y)) > FLOW_BAND_PA:
+            self.charging = gap_pa > 0.0
         while start_s < end_s:
             events = self.events(y)
             for function, direction, *_ in events:
