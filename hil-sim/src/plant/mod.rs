@@ -287,7 +287,7 @@ impl Plant {
 
     /// How far a weight at rest is from moving \[N\] (see [`LoadBlock::breakaway_n`]).
     #[inline]
-    fn breakaway_n(&self, load: &LoadBlock, time_s: f64, state: &[f64]) -> (f64, Motion) {
+    pub fn breakaway_n(&self, load: &LoadBlock, time_s: f64, state: &[f64]) -> (f64, Motion) {
         let force_n = self.force_n(time_s, state);
         load.breakaway_n(&self.load_point(time_s, state), state, force_n)
     }
