@@ -11,7 +11,7 @@ const LIFTED_PA: f64 = 1.45e5;
 /// Within the supply's 500 kPa.
 const GREATEST_PA: f64 = 4.85e5;
 /// A larger step up would throw the weight.
-const LARGEST_RISE_PA: f64 = 2.2e5;
+const LARGEST_RISE_PA: f64 = 1.8e5;
 
 /// What a stretch of a drive does.
 #[derive(Clone, Copy, Debug, PartialEq)]

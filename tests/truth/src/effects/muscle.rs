@@ -69,7 +69,7 @@ impl Hidden for Bladder {
     }
 }
 
-/// Shortened and widened rubber: the stress of a Mooney–Rivlin tube, with `shape` its second share.
+/// Stress of a Mooney–Rivlin tube that shortens, with `shape` the share of its second constant.
 fn rubber_tube(contraction: f64, shape: f64) -> f64 {
     let stretch = 1.0 - contraction;
     (1.0 / (stretch * stretch) - stretch) * (1.0 + shape / stretch)

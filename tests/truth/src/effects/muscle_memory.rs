@@ -22,8 +22,8 @@ impl Hidden for PlaySum {
     }
     fn force_n(&self, force_n: f64, now: &Moment, x: &[f64], _: &mut [f64]) -> f64 {
         let mut share = 0.0;
-        for i in 0..4 {
-            let centre = dragged(x[i], now.contraction, self.reach[i]);
+        for (i, centre) in x.iter().enumerate() {
+            let centre = dragged(*centre, now.contraction, self.reach[i]);
             share += self.share[i] * (now.contraction - centre) / self.reach[i];
         }
         force_n - self.half_width_n * share * now.pressure_pa.max(0.0) / TOLD_AT_PA

@@ -69,7 +69,7 @@ impl Hidden for Reservoir {
 
 fn reservoir(size: f64, rig: &Rig, recovery_s: f64, refill: Refill) -> Drawn {
     Drawn::new(Reservoir {
-        reservoir_m3: scale(size, 4.0e-3, 0.5e-3),
+        reservoir_m3: scale(size, 2.5e-3, 0.4e-3),
         recovery_s,
         refill,
         supply_pa: rig.supply_pressure_pa,
@@ -109,7 +109,7 @@ pub(super) const DROOP: &[Form] = &[
     }),
     Form::new("smoothed-use", |size, rig, rng| {
         Drawn::new(SmoothedUse {
-            drop_pa_per_kg: scale(size, 2.0e7, 1.6e8),
+            drop_pa_per_kg: scale(size, 3.0e7, 2.0e8),
             recovery_s: between(rng, 0.5, 3.0),
             supply_pa: rig.supply_pressure_pa,
         })

@@ -175,6 +175,16 @@ struct StickingValve {
     held_pa: f64,
 }
 
+impl StickingValve {
+    fn moved_pa(&self, command_pa: f64, at_pa: f64) -> f64 {
+        if (command_pa - at_pa).abs() > self.held_pa {
+            (command_pa / self.step_pa).round() * self.step_pa
+        } else {
+            at_pa
+        }
+    }
+}
+
 /// State: where the valve is held.
 impl Hidden for StickingValve {
     fn states(&self) -> usize {
@@ -183,14 +193,11 @@ impl Hidden for StickingValve {
     fn settle(&self, now: &Moment, x: &mut [f64]) {
         x[0] = now.command_pa;
     }
-    fn reference_pa(&self, _: f64, _: &Moment, x: &[f64], dx: &mut [f64]) -> f64 {
-        dx[0] = 0.0;
-        x[0]
+    fn reference_pa(&self, _: f64, now: &Moment, x: &[f64], _: &mut [f64]) -> f64 {
+        self.moved_pa(now.command_pa, x[0])
     }
     fn commit(&self, now: &Moment, x: &mut [f64]) {
-        if (now.command_pa - x[0]).abs() > self.held_pa {
-            x[0] = (now.command_pa / self.step_pa).round() * self.step_pa;
-        }
+        x[0] = self.moved_pa(now.command_pa, x[0]);
     }
 }
 
@@ -263,34 +270,29 @@ struct LostCounts {
     lost_share: f64,
     from: f64,
     to: f64,
-    initial_length_m: f64,
 }
 
-/// State: what the encoder has lost so far.
+/// States: what the encoder has lost so far, and where it was last.
 impl Hidden for LostCounts {
     fn states(&self) -> usize {
-        1
+        2
     }
-    fn load(&self, _: &mut Load, now: &Moment, _: &[f64], dx: &mut [f64]) {
-        let jammed = now.rate_per_s > 0.0 && (self.from..self.to).contains(&now.contraction);
-        dx[0] = if jammed {
-            self.lost_share * now.rate_per_s
-        } else {
-            0.0
-        };
+    fn commit(&self, now: &Moment, x: &mut [f64]) {
+        let jammed = now.contraction.min(self.to) - x[1].max(self.from);
+        x[0] += self.lost_share * jammed.max(0.0);
+        x[1] = now.contraction;
     }
     fn read(&self, reading: &mut Reading, _: &Moment, x: &[f64]) {
         reading.contraction -= x[0];
     }
 }
 
-pub(super) const LOST_COUNTS: &[Form] = &[Form::new("one-way", |size, rig, rng| {
+pub(super) const LOST_COUNTS: &[Form] = &[Form::new("one-way", |size, _, rng| {
     let from = between(rng, 0.12, 0.2);
     Drawn::new(LostCounts {
         lost_share: scale(size, 0.01, 0.2),
         from,
         to: from + between(rng, 0.01, 0.03),
-        initial_length_m: rig.initial_length_m,
     })
 })];
 

@@ -186,7 +186,7 @@ impl Hidden for FlowLimit {
 type Limited = fn(f64, f64) -> f64;
 
 fn flow_limit(size: f64, rig: &Rig, ratio: f64, critical_ratio: f64, limited: Limited) -> Drawn {
-    let fill_kg_per_pa_s = scale(size, 8.0e-9, 0.7e-9);
+    let fill_kg_per_pa_s = scale(size, 1.5e-8, 0.7e-9);
     Drawn::new(FlowLimit {
         fill_kg_per_pa_s,
         vent_kg_per_pa_s: ratio * fill_kg_per_pa_s,
