@@ -229,7 +229,7 @@ fn by_signal(values: [f64; 3], with_force: bool) -> Value {
     Value::Object(map)
 }
 
-/// The part of the answer about one effect; `without` are the readings had it not been there.
+/// The part of the answer about one effect; `difference` is to the readings had it not been there.
 fn effect_answer(
     planned: &Planned,
     drawn: &Drawn,
@@ -306,7 +306,7 @@ pub fn case(seed: u64, index: u64) -> Case {
         both.map(|(run, readings)| run.csv(readings, &sensors, with_force, noise_rng))
             .collect()
     };
-    let id = format!("case-{index:05}");
+    let id = format!("s{seed}-{index:05}");
     Case {
         fit: texts(&fit, &simulate(&fit, &hidden)),
         validate: texts(&validate, &validated),

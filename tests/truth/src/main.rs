@@ -130,7 +130,7 @@ fn write_all(arguments: &Arguments, out: &Path) -> io::Result<usize> {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let Some(out) = &arguments.out else {
+    let (None, Some(out)) = (&arguments.command, &arguments.out) else {
         list();
         return ExitCode::SUCCESS;
     };

@@ -112,6 +112,8 @@ impl Run {
             }
             machine.step(step_s, drive.at(command_s + start_s));
         }
+        let finite = |r: &Reading| (r.pressure_pa + r.contraction + r.force_n).is_finite();
+        assert!(readings.iter().all(finite), "the run went astray");
         readings
     }
 

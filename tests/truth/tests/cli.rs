@@ -17,7 +17,7 @@ fn writes_cases_and_apart_from_them_answers() {
     assert!(output.status.success());
     assert!(output.stdout.starts_with(b"seed 4\n"));
     // the first case with nothing hidden
-    let case = folder.path().join("cases/case-00003");
+    let case = folder.path().join("cases/s4-00003");
     for name in [
         "rig.toml",
         "fit-1.csv",
@@ -28,7 +28,7 @@ fn writes_cases_and_apart_from_them_answers() {
     ] {
         assert!(case.join(name).is_file(), "{name}");
     }
-    let answer = std::fs::read_to_string(folder.path().join("answers/case-00003.json"));
+    let answer = std::fs::read_to_string(folder.path().join("answers/s4-00003.json"));
     assert!(answer.expect("an answer").contains("\"kind\": \"none\""));
 }
 

@@ -54,7 +54,8 @@ impl Hidden for SwingingPayload {
     fn load(&self, load: &mut Load, _: &Moment, x: &[f64], dx: &mut [f64]) {
         dx[0] = x[1];
         dx[1] = -GRAVITY_M_PER_S2 / self.length_m * x[0].sin() - self.damping_per_s * x[1];
-        // the string passes on its pull's upright part only, and bears the turning
+        // the string passes on its pull's upright part only, and bears the turning; what the
+        // muscle's motion does to the swing is left out
         load.mass_kg -= self.swinging_kg * x[0].sin().powi(2);
         load.pull_n += self.swinging_kg * self.length_m * x[1] * x[1] * x[0].cos();
     }
