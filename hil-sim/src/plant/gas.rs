@@ -76,10 +76,17 @@ impl GasBlock {
     }
 
     /// What the nominal muscle exchanges when `flow_kg_per_s` comes from the line (out of the
-    /// muscle if negative), with the terms' changes.
+    /// muscle if negative), with the terms' changes. `charging` says which heat transfer holds: it
+    /// jumps with the flow's sign, so whoever integrates changes it between steps.
     #[inline]
-    pub fn exchange(&self, at: &GasPoint, flow_kg_per_s: f64, state: &[f64]) -> Exchange {
-        let heat_transfer_w_per_m2_k = if flow_kg_per_s > 0.0 {
+    pub fn exchange(
+        &self,
+        at: &GasPoint,
+        flow_kg_per_s: f64,
+        charging: bool,
+        state: &[f64],
+    ) -> Exchange {
+        let heat_transfer_w_per_m2_k = if charging {
             self.gas.heat_transfer_charging_w_per_m2_k
         } else {
             self.gas.heat_transfer_discharging_w_per_m2_k

@@ -39,7 +39,7 @@ enum { CONTRACTION, RATE_PER_S, PRESSURE_PA, TEMPERATURE_K, STATES };
 enum { MOTION_ROOT, DOWNWARD_ROOT, FLOW_ROOT, ROOTS };
 
 static const double RANGES[STATES] = {0.25, 1.0, 4e5, 100.0};
-static const double TOLERANCES[] = {1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9};
+static const double TOLERANCES[] = {1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7, 1e-8, 1e-9};
 
 typedef struct {
     double alpha_m2, beta_m2, gamma_n, d1_m3, d2_m3, d3_m3, length_m;

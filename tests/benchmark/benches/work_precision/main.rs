@@ -46,7 +46,7 @@ impl Point {
 type Solve<'a> = dyn Fn(f64) -> Option<Vec<[f64; 2]>> + 'a;
 
 fn measure(problem: &Problem, solver: &str, repeats: usize, solve: &Solve) -> Vec<Point> {
-    let tolerances = (2..=9).map(|digits| 10_f64.powi(-digits));
+    let tolerances = (5..=14).map(|halves| 10_f64.powf(-0.5 * f64::from(halves)));
     let points = tolerances.filter_map(|tolerance| {
         let errors = problem.errors(&solve(tolerance)?);
         let mut seconds: Vec<f64> = (0..repeats)
@@ -101,15 +101,20 @@ fn peers(problem: &Problem, quick: bool) -> Vec<Point> {
     let repeats = if quick { "1" } else { "5" };
     let cvode = std::env::temp_dir().join("hil-sim-benchmark-cvode");
     let compiled = Command::new("cc")
-        .args(["-O3", "-march=native", "-o"])
+        .args(["-O3", "-march=native", "-std=gnu11", "-o"])
         .arg(&cvode)
         .arg(folder.join("cvode.c"))
-        .args([
-            "-lsundials_cvode",
-            "-lsundials_arkode",
-            "-lsundials_nvecserial",
-            "-lm",
-        ])
+        .args(
+            [
+                "cvode",
+                "arkode",
+                "nvecserial",
+                "sunmatrixdense",
+                "sunlinsoldense",
+            ]
+            .map(|library| format!("-lsundials_{library}")),
+        )
+        .arg("-lm")
         .output();
     let mut points = Vec::new();
     match compiled {
@@ -181,7 +186,7 @@ fn section(points: &[Point], problem: &str) -> Section {
     let row = |point: &&Point| {
         vec![
             point.solver.clone(),
-            format!("{:.0e}", point.tolerance),
+            format!("{:.1e}", point.tolerance),
             format!("{:.1e}", point.error()),
             format!("{:.0}", point.times_real_time()),
             format!("{:.1}", point.seconds / ours),

@@ -1,4 +1,5 @@
-//! The same plant under diffsol's solvers, stick and slip found by its root finder.
+//! The same plant under diffsol's solvers: stick, slip and reversals of the flow are found by its
+//! root finder.
 
 use crate::problem::{PER_STATE, Problem};
 use diffsol::{
@@ -6,7 +7,7 @@ use diffsol::{
     OdeSolverProblem, OdeSolverStopReason,
 };
 use hil_sim::plant::load::Motion;
-use hil_sim::plant::{CONTRACTION, CONTRACTION_RATE, Drive, Plant};
+use hil_sim::plant::{CONTRACTION, CONTRACTION_RATE, Drive, Plant, Regime};
 use std::cell::Cell;
 
 type Matrix = NalgebraMat<f64>;
@@ -32,20 +33,33 @@ pub enum Method {
 struct Circumstances {
     plant: Plant,
     drive: Cell<Drive>,
-    motion: Cell<Motion>,
+    regime: Cell<Regime>,
+    /// A flow within this is no reversal [kg/s].
+    flow_error_kg_per_s: f64,
 }
 
 impl Circumstances {
     fn rates(&self, time_s: f64, state: &[f64]) -> [f64; 4] {
         let state = [state[0], state[1], state[2], state[3]];
         self.plant
-            .rates(time_s, &self.drive.get(), self.motion.get(), &state)
+            .rates(time_s, &self.drive.get(), self.regime.get(), &state)
     }
 
-    /// Negative as long as the motion lasts.
-    fn ends(&self, time_s: f64, state: &[f64]) -> f64 {
+    /// Negative as long as the motion and the flow's direction last.
+    fn ends(&self, time_s: f64, state: &[f64]) -> [f64; 2] {
+        let flow = self.plant.flow_kg_per_s(time_s, &self.drive.get(), state);
+        let sign = if self.regime.get().charging {
+            1.0
+        } else {
+            -1.0
+        };
+        let reversal = -sign * flow - self.flow_error_kg_per_s;
+        [self.motion_ends(time_s, state), reversal]
+    }
+
+    fn motion_ends(&self, time_s: f64, state: &[f64]) -> f64 {
         let load = self.plant.load.as_ref().expect("a weight");
-        match self.motion.get() {
+        match self.regime.get().motion {
             Motion::Stuck => self.plant.breakaway_n(load, time_s, state).0,
             Motion::Rising => -state[CONTRACTION_RATE],
             // The stop ends a fall as well as standstill does.
@@ -53,17 +67,34 @@ impl Circumstances {
         }
     }
 
+    /// After a root of the motion's: a weight at rest breaks away, a moving one stops or turns.
     fn change_motion(&self, time_s: f64, state: &mut [f64]) {
         state[CONTRACTION_RATE] = 0.0;
         if state[CONTRACTION] < 1e-9 {
             state[CONTRACTION] = 0.0;
         }
         let load = self.plant.load.as_ref().expect("a weight");
-        let (beyond_n, motion) = self.plant.breakaway_n(load, time_s, state);
-        // Located from below: what is within rounding of the limit has passed it.
-        let was_stuck = self.motion.get() == Motion::Stuck;
-        let moves = beyond_n > if was_stuck { -1e-6 } else { 0.0 };
-        self.motion.set(if moves { motion } else { Motion::Stuck });
+        let (beyond_n, breakaway) = self.plant.breakaway_n(load, time_s, state);
+        let Regime { motion, charging } = self.regime.get();
+        let moves = motion == Motion::Stuck || beyond_n > 0.0;
+        let motion = if moves { breakaway } else { Motion::Stuck };
+        self.regime.set(Regime { motion, charging });
+    }
+
+    fn change_flow(&self) {
+        let Regime { motion, charging } = self.regime.get();
+        self.regime.set(Regime {
+            motion,
+            charging: !charging,
+        });
+    }
+
+    /// A jump of the drive gives the flow its sign anew.
+    fn change_drive(&self, drive: Drive, time_s: f64, state: &[f64]) {
+        self.drive.set(drive);
+        let charging = self.plant.flow_kg_per_s(time_s, &drive, state) > 0.0;
+        let motion = self.regime.get().motion;
+        self.regime.set(Regime { motion, charging });
     }
 }
 
@@ -72,10 +103,13 @@ pub fn solve(problem: &Problem, method: Method, tolerance: f64) -> Option<Vec<[f
     let circumstances = Circumstances {
         plant: problem.plant(),
         drive: Cell::new(problem.drive(0)),
-        motion: Cell::new(Motion::Stuck),
+        regime: Cell::new(Regime {
+            motion: Motion::Stuck,
+            charging: false,
+        }),
+        flow_error_kg_per_s: problem.flow_gain_kg_per_pa_s() * tolerance * PER_STATE[2],
     };
     let start = problem.start();
-    circumstances.change_motion(0.0, &mut start.clone());
     let c = &circumstances;
     let ode = OdeBuilder::<Matrix>::new()
         .rtol(0.0)
@@ -98,8 +132,8 @@ pub fn solve(problem: &Problem, method: Method, tolerance: f64) -> Option<Vec<[f
             4,
         )
         .root(
-            |x: &[f64], _: &[f64], t, y: &mut [f64]| y[0] = c.ends(t, x),
-            1,
+            |x: &[f64], _: &[f64], t, y: &mut [f64]| y.copy_from_slice(&c.ends(t, x)),
+            2,
         )
         .build()
         .ok()?;
@@ -127,7 +161,8 @@ where
     let (mut row, mut steps) = (1, 0);
     // Stops only where the reference changes; rows between are interpolated.
     for (from, to) in problem.stretches() {
-        circumstances.drive.set(problem.drive(from));
+        let state = solver.state();
+        circumstances.change_drive(problem.drive(from), state.t, state.y.batch_as_slice(0));
         restart(circumstances, &mut solver);
         solver.set_stop_time(problem.time_s(to)).ok()?;
         loop {
@@ -148,9 +183,14 @@ where
             match reason {
                 OdeSolverStopReason::InternalTimestep => {}
                 OdeSolverStopReason::TstopReached => break,
-                OdeSolverStopReason::RootFound(time_s, _) => {
+                OdeSolverStopReason::RootFound(time_s, root) => {
                     solver.state_mut_back(time_s).ok()?;
-                    circumstances.change_motion(time_s, solver.state_mut().y.batch_as_mut_slice(0));
+                    if root == 0 {
+                        let state = solver.state_mut().y.batch_as_mut_slice(0);
+                        circumstances.change_motion(time_s, state);
+                    } else {
+                        circumstances.change_flow();
+                    }
                     restart(circumstances, &mut solver);
                     if time_s < problem.time_s(to) {
                         solver.set_stop_time(problem.time_s(to)).ok()?;

@@ -58,6 +58,13 @@ impl Problem {
         Plant::new(&self.rig, whole).expect("a complete rig")
     }
 
+    pub fn flow_gain_kg_per_pa_s(&self) -> f64 {
+        self.rig
+            .require_valve()
+            .expect("a valve")
+            .flow_gain_kg_per_pa_s
+    }
+
     pub fn rows(&self) -> usize {
         self.time_s.len()
     }
