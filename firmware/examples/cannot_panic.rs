@@ -30,7 +30,7 @@ fn main() -> ! {
     // Nothing of this is known to the compiler.
     let values = black_box(model_core::settings::SettingsValues::reference());
     let Ok(settings) = Settings::new(values) else {
-        loop {}
+        cortex_m::peripheral::SCB::sys_reset()
     };
     let _ = black_box(settings.encode(black_box(&mut [0; 256])));
     let _ = black_box(Settings::decode(black_box(&[0; 200])));
@@ -53,7 +53,10 @@ fn main() -> ! {
         let tick = device.tick(&pins, timing, command.into_iter());
         let telemetry = FromDevice::Telemetry(tick.telemetry);
         let _ = black_box(encode(&telemetry, &mut [0; FRAME_LEN_MAX]));
-        let _ = black_box(encode(black_box(&FromDevice::Settings(values)), &mut [0; 255]));
+        let _ = black_box(encode(
+            black_box(&FromDevice::Settings(values)),
+            &mut [0; 255],
+        ));
         black_box(tick.valve.get());
     }
 }
