@@ -25,7 +25,7 @@ use defmt_rtt as _;
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
     use crate::adc::{self, Scanner};
-    use crate::board::{self, Parts};
+    use crate::board::{self, Button, Parts};
     use crate::crash;
     use crate::encoder::Encoder;
     use crate::flash::Store;
@@ -41,7 +41,6 @@ mod app {
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
     use stm32f4xx_hal::ClearFlags;
-    use stm32f4xx_hal::gpio::{Input, PC13};
     use stm32f4xx_hal::pac::TIM3;
     use stm32f4xx_hal::timer::{CounterUs, Flag};
 
@@ -60,7 +59,7 @@ mod app {
         clock: TickClock,
         scanner: Scanner,
         encoder: Encoder,
-        button: PC13<Input>,
+        button: Button,
         valve: Valve,
         watchdog: Watchdog,
         to_tick: Producer<'static, Command>,
@@ -137,7 +136,7 @@ mod app {
             bridge,
             pressure,
             encoder: local.encoder.read(),
-            button_pressed: local.button.is_low(),
+            button_pressed: local.button.is_pressed(),
         };
         let commands = core::iter::from_fn(|| local.commands.dequeue());
         let tick = local.device.tick(&pins, timing, commands);
