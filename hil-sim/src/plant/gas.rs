@@ -91,15 +91,16 @@ impl GasBlock {
         } else {
             self.gas.heat_transfer_discharging_w_per_m2_k
         };
-        let mut exchange = Exchange {
+        let exchange = Exchange {
             inflow_kg_per_s: flow_kg_per_s.max(0.0),
             outflow_kg_per_s: (-flow_kg_per_s).max(0.0),
             heat_transfer_w_per_m2_k,
         };
-        for (term, own) in self.terms.iter(state) {
-            term.exchange(at, own, &mut exchange);
-        }
-        exchange
+        self.terms
+            .change(at, state, exchange, |term, at, own, mut exchange| {
+                term.exchange(at, own, &mut exchange);
+                exchange
+            })
     }
 
     /// Rates of absolute pressure \[Pa/s\] and temperature \[K/s\], Eqs 3 and 4 solved for them.

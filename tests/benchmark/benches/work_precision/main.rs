@@ -130,7 +130,10 @@ fn peers(problem: &Problem, quick: bool) -> Vec<Point> {
     command
         .arg(folder.join("scipy_peers.py"))
         .arg(&problem.folder);
-    command.args(["--repeats", repeats]);
+    command.args(["--repeats", "1", "--methods", "LSODA"]);
+    if !quick {
+        command.args(["BDF", "RK45"]);
+    }
     points.extend(foreign("scipy", &mut command, problem));
     points
 }
