@@ -57,7 +57,8 @@ impl LoadBlock {
             })
     }
 
-    /// ε̈ \[1/s²\] while moving, Eq 5: M L ε̈ = F − L C ε̇ − M g ∓ F_c, friction against the motion.
+    /// ε̈ \[1/s²\] while moving, Eq 5: M L ε̈ = F − L C ε̇ − M g ∓ F_c, friction against
+    /// the motion.
     #[inline]
     pub fn acceleration_per_s2(
         &self,

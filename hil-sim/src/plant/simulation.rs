@@ -1,8 +1,8 @@
 //! The plant in time: adaptive steps, with stick, slip and the stop located between them.
 //!
-//! Between two jumps of the drive and two changes of [`Regime`] the equations are smooth, and a step
-//! never spans one: breakaway, standstill, the stop and the flow's reversal are found on the step's
-//! continuous extension, and the next step begins there.
+//! Between two jumps of the drive and two changes of [`Regime`] the equations are smooth, and a
+//! step never spans one: breakaway, standstill, the stop and the flow's reversal are found on the
+//! step's continuous extension, and the next step begins there.
 
 use super::integrate::Step;
 use super::load::{LoadBlock, Motion};
