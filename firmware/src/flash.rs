@@ -7,7 +7,8 @@ use embedded_storage::nor_flash::{NorFlash as _, ReadNorFlash as _};
 use embedded_storage_async::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use model_core::link::SettingsSource;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
-use sequential_storage::cache::{Cache, CacheImpl};
+use sequential_storage::cache::key_pointers::ArrayKeyPointers;
+use sequential_storage::cache::{Cache, CacheImpl, Uncached};
 use sequential_storage::map::{MapConfig, MapStorage};
 use stm32f4xx_hal::flash::{self, FlashExt, UnlockedFlash};
 use stm32f4xx_hal::pac::FLASH;
@@ -78,7 +79,9 @@ impl Store {
 
 fn map(flash: Blocking) -> MapStorage<u8, Blocking, impl CacheImpl<u8>> {
     const CONFIG: MapConfig<Blocking> = MapConfig::new(SECTORS);
-    MapStorage::new(flash, CONFIG, Cache::new_uncached())
+    // Without the key's place every item that is left behind would be searched for from the start.
+    let cache = Cache::new(Uncached, Uncached, ArrayKeyPointers::<u8, 1>::new());
+    MapStorage::new(flash, CONFIG, cache)
 }
 
 /// The HAL's flash, which blocks, behind the traits that the store wants.
