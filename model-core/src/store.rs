@@ -1,9 +1,10 @@
 //! Where settings lie in flash, so that a power cut at any moment leaves the old or the new ones.
 //!
 //! Two sectors are divided into slots. Each write goes to the next empty slot, with a number one
-//! higher; when a sector is full, the other one is erased and goes on. The valid slot of the highest
-//! number counts, wherever it lies. So nothing depends on what a cut leaves behind, in a slot or in
-//! a sector: it is not valid, or its number is lower, and the newest settings are never erased.
+//! higher; when a sector is full, the other one is erased and goes on. The valid slot of the
+//! highest number counts, wherever it lies. So nothing depends on what a cut leaves behind, in a
+//! slot or in a sector: it is not valid, or its number is lower, and the newest settings are never
+//! erased.
 //!
 //! ```text
 //! slot: mark │ length u16 │ number u32 │ settings as encoded │ CRC-32 of all that │ 0xFF …
@@ -268,7 +269,8 @@ mod tests {
                     }
                 }
                 let read = loaded(&flash);
-                prop_assert!(read == old || read == Some(new), "{:?}", read.map(|s| s.values().gain));
+                let gain = read.map(|settings| settings.values().gain);
+                prop_assert!(read == old || read == Some(new), "{:?}", gain);
                 prop_assert!(is_cut || read == Some(new));
                 old = read;
             }
