@@ -141,7 +141,7 @@ fn peers(problem: &Problem, quick: bool) -> Vec<Point> {
         .arg(&problem.folder);
     command.args(["--repeats", "1", "--methods", "LSODA"]);
     if !quick {
-        command.args(["BDF", "RK45"]);
+        command.arg("BDF");
     }
     points.extend(foreign("scipy", &mut command, problem));
     points
