@@ -3,9 +3,10 @@
 use crate::pressure::GaugePa;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
 use crate::supervisor::{Fault, Mode};
+use serde::{Deserialize, Serialize};
 
 /// What the person or the link asks for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
     /// Nothing: go on.
     #[default]
@@ -21,7 +22,7 @@ pub enum Request {
 }
 
 /// All that a tick may read.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sensors {
     /// Strain-gauge bridge of the lever.
     pub bridge: AdcCount,
@@ -36,7 +37,7 @@ pub struct Sensors {
 }
 
 /// All that a tick decides: the valve's command, and what is logged.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Output {
     /// What the valve's DAC is set to.
     pub valve: DacCount,

@@ -26,14 +26,18 @@
 
 pub mod assist;
 pub mod controller;
+pub mod device;
 pub mod error;
 pub mod frame;
 pub mod limits;
+pub mod link;
 pub mod muscle;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod sampling;
 pub mod settings;
 pub mod signal;
 pub mod supervisor;
+pub mod timing;
 pub mod valve;

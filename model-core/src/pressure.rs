@@ -6,7 +6,9 @@
 use num_traits::float::FloatCore;
 
 /// Pressure above the atmosphere \[Pa\].
-#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, PartialOrd, serde::Serialize, serde::Deserialize,
+)]
 pub struct GaugePa<T>(pub T);
 
 /// Pressure above vacuum \[Pa\].

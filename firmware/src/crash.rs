@@ -1,0 +1,110 @@
+//! What stops the firmware: the valve first, then a note that survives the reset.
+
+use crate::valve;
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
+use cortex_m::peripheral::SCB;
+use cortex_m_rt::exception;
+use model_core::link::{self, Crash, FRAME_LEN_MAX};
+
+/// Long enough for any [`Crash`] as a frame.
+const NOTE_LEN: usize = 48;
+
+/// The note, as a frame of the link: its checksum tells it from what RAM holds after power-on.
+#[allow(unsafe_code)]
+// SAFETY: nothing initialises this section, and any byte is an AtomicU8.
+#[unsafe(link_section = ".uninit.crash")]
+static NOTE: [AtomicU8; NOTE_LEN] = [const { AtomicU8::new(0) }; NOTE_LEN];
+
+/// The note of a crash before this reset; it is told once.
+pub fn take_note() -> Option<Crash> {
+    let mut decoder = link::Decoder::new();
+    let mut bytes = NOTE.iter().map(|byte| byte.swap(0, Relaxed));
+    bytes.find_map(|byte| decoder.push::<Crash>(byte))?.ok()
+}
+
+fn stop(crash: &Crash) -> ! {
+    cortex_m::interrupt::disable();
+    valve::make_safe();
+    if let Ok(note) = link::encode(crash, &mut [0; FRAME_LEN_MAX]) {
+        for (place, byte) in NOTE.iter().zip(note) {
+            place.store(*byte, Relaxed);
+        }
+    }
+    SCB::sys_reset()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    valve::make_safe();
+    let (file, line) = info.location().map_or(("", 0), |l| (l.file(), l.line()));
+    let mut file_end = [0; 16];
+    for (place, byte) in file_end.iter_mut().rev().zip(file.bytes().rev()) {
+        *place = byte;
+    }
+    stop(&Crash::Panic { line, file_end })
+}
+
+/// The stack pointer may be outside of the RAM: takes the stack anew before anything is pushed.
+#[allow(unsafe_code)]
+// SAFETY: the vector table's entry of this name. Nothing returns to what was on the stack.
+#[unsafe(naked)]
+#[unsafe(export_name = "HardFault")]
+unsafe extern "C" fn hard_fault_entry() -> ! {
+    core::arch::naked_asm!(
+        "mrs r0, msp",
+        "ldr r1, =_stack_start",
+        "msr msp, r1",
+        "b {hard_fault}",
+        hard_fault = sym hard_fault,
+    )
+}
+
+extern "C" fn hard_fault(sp: u32) -> ! {
+    valve::make_safe();
+    let stack = stack();
+    // Eight registers were pushed, in this order: r0 to r3, r12, lr, pc, xpsr.
+    if !(stack.start..stack.end - 32).contains(&sp) {
+        stop(&Crash::StackOverflow { sp });
+    }
+    #[allow(unsafe_code)]
+    // SAFETY: these eight words lie within the stack.
+    let (lr, pc) = unsafe {
+        let pushed = sp as *const u32;
+        (pushed.add(5).read(), pushed.add(6).read())
+    };
+    #[allow(unsafe_code)]
+    // SAFETY: a register that may be read at any time.
+    let cfsr = unsafe { (*SCB::PTR).cfsr.read() };
+    stop(&Crash::HardFault { pc, lr, cfsr })
+}
+
+#[allow(unsafe_code)]
+// SAFETY: this handler uses nothing that it may have interrupted: it does not return.
+#[exception]
+unsafe fn DefaultHandler(interrupt: i16) -> ! {
+    stop(&Crash::Interrupt(interrupt))
+}
+
+/// Where the stack may be.
+fn stack() -> core::ops::Range<u32> {
+    #[allow(unsafe_code)]
+    // SAFETY: memory.x defines both; only their addresses are taken.
+    unsafe extern "C" {
+        static _stack_end: u8;
+        static _stack_start: u8;
+    }
+    (&raw const _stack_end) as u32..(&raw const _stack_start) as u32
+}
+
+/// Bytes of the stack that were never used: they still hold what the start-up painted.
+pub fn stack_free_bytes() -> u16 {
+    let words = stack().step_by(4);
+    let painted = words.take_while(|address| {
+        #[allow(unsafe_code)]
+        // SAFETY: aligned, and within the stack.
+        let word = unsafe { (*address as *const u32).read_volatile() };
+        word == cortex_m_rt::STACK_PAINT_VALUE
+    });
+    (painted.count() * 4) as u16
+}

@@ -1,0 +1,448 @@
+//! The device around the controller: where its sensors come from, who may ask for what.
+//!
+//! The firmware reads pins and bytes; what follows from them is decided here.
+
+use crate::controller::Controller;
+use crate::frame::{Output, Request, Sensors};
+use crate::link::{Source, Telemetry};
+use crate::settings::Settings;
+use crate::signal::{AdcCount, DacCount, EncoderCount};
+use crate::supervisor::Mode;
+use crate::timing::Timing;
+use serde::{Deserialize, Serialize};
+
+/// Hardware in the loop ends after so many ticks without a message: half a second.
+pub const HIL_SILENCE_TICKS: u8 = 50;
+/// Ticks for which the button must read pressed: contacts bounce for some milliseconds.
+const BUTTON_TICKS: u8 = 3;
+
+/// What the link may ask of a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Command {
+    /// Ask the controller. With hardware in the loop requests come with the sensors instead.
+    Request(Request),
+    /// Begin hardware in the loop: sensors from the link, the valve at its safe voltage. Does
+    /// nothing while armed.
+    EnterHil,
+    /// End it.
+    LeaveHil,
+    /// The next tick's sensors, with hardware in the loop.
+    Sensors(SimulatedSensors),
+}
+
+/// Sensor readings from the link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SimulatedSensors {
+    /// Counts up with each message; one that does not is dropped.
+    pub sequence: u32,
+    /// What the controller is to read.
+    pub sensors: Sensors,
+}
+
+/// What the pins say.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pins {
+    /// Strain-gauge bridge.
+    pub bridge: AdcCount,
+    /// Pressure sensor.
+    pub pressure: AdcCount,
+    /// Encoder.
+    pub encoder: EncoderCount,
+    /// The button.
+    pub button_pressed: bool,
+}
+
+/// What a tick sets and tells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tick {
+    /// What the valve's DAC is to be set to.
+    pub valve: DacCount,
+    /// The muscle is or may be under pressure: settings must not change.
+    pub armed: bool,
+    /// What to tell.
+    pub telemetry: Telemetry,
+}
+
+/// The controller and what surrounds it.
+#[derive(Clone, Debug)]
+pub struct Device {
+    controller: Controller,
+    hil: Option<Hil>,
+    button: Button,
+    tick: u32,
+    /// The last tick's.
+    output: Output,
+}
+
+impl Device {
+    /// A device that begins with the controller's self-check.
+    pub fn new(settings: Settings) -> Device {
+        Device {
+            controller: Controller::new(settings),
+            hil: None,
+            button: Button::default(),
+            tick: 0,
+            output: Output::default(),
+        }
+    }
+
+    /// One tick. Takes from `commands` what belongs to it: with hardware in the loop, that ends
+    /// with the first sensors.
+    pub fn tick(
+        &mut self,
+        pins: &Pins,
+        timing: Timing,
+        commands: impl Iterator<Item = Command>,
+    ) -> Tick {
+        self.tick = self.tick.wrapping_add(1);
+        let mut request = self.button.request(pins.button_pressed, self.output.mode);
+        let mut simulated = None;
+        for command in commands {
+            match command {
+                // Nothing that comes later overrules venting.
+                Command::Request(_) if request == Request::Vent => {}
+                Command::Request(asked) => request = asked,
+                Command::EnterHil => self.enter_hil(),
+                Command::LeaveHil => self.leave_hil(),
+                Command::Sensors(message) => {
+                    simulated = self.hil.as_mut().and_then(|hil| hil.accept(message));
+                    if simulated.is_some() {
+                        break;
+                    }
+                }
+            }
+        }
+        let (source, sensors) = match (&mut self.hil, simulated) {
+            (Some(_), Some(message)) => (Source::Link(message.sequence), message.sensors),
+            (Some(_), None) => (Source::Silence, Sensors::default()),
+            (None, _) => (Source::Pins, from_pins(pins, timing, request)),
+        };
+        if source != Source::Silence {
+            self.output = self.controller.tick(&sensors);
+        }
+        let telemetry = Telemetry {
+            tick: self.tick,
+            source,
+            sensors,
+            output: self.output,
+            timing,
+        };
+        self.count_silence(source);
+        Tick {
+            valve: if source == Source::Pins {
+                self.output.valve
+            } else {
+                DacCount::default()
+            },
+            armed: self.is_armed(),
+            telemetry,
+        }
+    }
+
+    /// True unless the reference pressure is zero and stays there until somebody asks.
+    pub fn is_armed(&self) -> bool {
+        let state = self.controller.state();
+        matches!(state.mode, Mode::Assisting | Mode::Holding) || state.pressure_ref_pa > 0.0
+    }
+
+    fn enter_hil(&mut self) {
+        if self.hil.is_none() && !self.is_armed() {
+            self.hil = Some(Hil::default());
+            self.restart();
+        }
+    }
+
+    fn leave_hil(&mut self) {
+        if self.hil.take().is_some() {
+            self.restart();
+        }
+    }
+
+    /// The controller's past was another world's.
+    fn restart(&mut self) {
+        self.controller = Controller::new(*self.controller.settings());
+        self.output = Output::default();
+    }
+
+    fn count_silence(&mut self, source: Source) {
+        if let Some(hil) = &mut self.hil {
+            hil.silent_ticks = match source {
+                Source::Silence => hil.silent_ticks.saturating_add(1),
+                _ => 0,
+            };
+            if hil.silent_ticks >= HIL_SILENCE_TICKS {
+                self.leave_hil();
+            }
+        }
+    }
+}
+
+fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
+    Sensors {
+        bridge: pins.bridge,
+        pressure: pins.pressure,
+        encoder: pins.encoder,
+        missed_ticks: timing.missed_ticks,
+        request,
+    }
+}
+
+/// Hardware in the loop.
+#[derive(Clone, Copy, Debug, Default)]
+struct Hil {
+    sequence: Option<u32>,
+    silent_ticks: u8,
+}
+
+impl Hil {
+    /// The message, unless it is an old one.
+    fn accept(&mut self, message: SimulatedSensors) -> Option<SimulatedSensors> {
+        let is_new = self
+            .sequence
+            .is_none_or(|last| message.sequence.wrapping_sub(last).wrapping_sub(1) <= u32::MAX / 2);
+        if is_new {
+            self.sequence = Some(message.sequence);
+        }
+        is_new.then_some(message)
+    }
+}
+
+/// The button: what it asks for depends on the mode.
+#[derive(Clone, Copy, Debug)]
+struct Button {
+    pressed_ticks: u8,
+}
+
+impl Default for Button {
+    /// Pressed for long, so that a button that hangs does nothing.
+    fn default() -> Button {
+        Button {
+            pressed_ticks: u8::MAX,
+        }
+    }
+}
+
+impl Button {
+    fn request(&mut self, pressed: bool, mode: Mode) -> Request {
+        self.pressed_ticks = if pressed {
+            self.pressed_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        if self.pressed_ticks != BUTTON_TICKS {
+            return Request::None;
+        }
+        match mode {
+            Mode::SelfCheck => Request::None,
+            Mode::Ready => Request::Assist,
+            Mode::Assisting | Mode::Holding => Request::Vent,
+            Mode::Venting => Request::Reset,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::SettingsValues;
+    use crate::supervisor::Fault;
+
+    fn settings() -> Settings {
+        Settings::new(SettingsValues {
+            stuck_ticks: 0,
+            ..SettingsValues::reference()
+        })
+        .unwrap()
+    }
+
+    /// No finger, no pressure, the muscle on its stop.
+    fn resting() -> Pins {
+        Pins {
+            bridge: AdcCount(2048),
+            pressure: AdcCount(410),
+            encoder: EncoderCount(7),
+            button_pressed: false,
+        }
+    }
+
+    fn tick(device: &mut Device, pins: &Pins, commands: &[Command]) -> Tick {
+        device.tick(pins, Timing::default(), commands.iter().copied())
+    }
+
+    /// A device that has passed its self-check.
+    fn ready() -> Device {
+        let mut device = Device::new(settings());
+        for _ in 0..60 {
+            tick(&mut device, &resting(), &[]);
+        }
+        assert_eq!(device.controller.state().mode, Mode::Ready);
+        device
+    }
+
+    fn simulated(sequence: u32, request: Request) -> Command {
+        Command::Sensors(SimulatedSensors {
+            sequence,
+            sensors: Sensors {
+                // A finger pulls with 10 N.
+                bridge: AdcCount(if sequence < 60 { 2048 } else { 2867 }),
+                request,
+                ..from_pins(&resting(), Timing::default(), request)
+            },
+        })
+    }
+
+    fn mode(tick: &Tick) -> Mode {
+        tick.telemetry.output.mode
+    }
+
+    #[test]
+    fn venting_is_not_overruled_within_a_tick() {
+        let mut device = ready();
+        let both = [Request::Vent, Request::Assist].map(Command::Request);
+        assert_eq!(mode(&tick(&mut device, &resting(), &both)), Mode::Venting);
+    }
+
+    #[test]
+    fn button_assists_vents_and_resets_once_a_press() {
+        let mut device = ready();
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        let mut press = |expected| {
+            for n in 0..40 {
+                let seen = mode(&tick(&mut device, &pressed, &[]));
+                assert_eq!(seen == expected, n + 1 >= BUTTON_TICKS, "{seen:?} at {n}");
+            }
+            tick(&mut device, &resting(), &[]);
+        };
+        press(Mode::Assisting);
+        press(Mode::Venting);
+        press(Mode::SelfCheck);
+    }
+
+    #[test]
+    fn button_that_hangs_does_nothing() {
+        let mut device = Device::new(settings());
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        for _ in 0..1000 {
+            tick(&mut device, &pressed, &[]);
+        }
+        assert_eq!(device.controller.state().mode, Mode::Ready);
+    }
+
+    #[test]
+    fn hardware_in_the_loop_assists_with_the_valve_safe() {
+        let mut device = ready();
+        tick(&mut device, &resting(), &[Command::EnterHil]);
+        let mut asked_for = 0;
+        for sequence in 0..200 {
+            let request = if sequence == 55 {
+                Request::Assist
+            } else {
+                Request::None
+            };
+            let seen = tick(&mut device, &resting(), &[simulated(sequence, request)]);
+            assert_eq!(seen.telemetry.source, Source::Link(sequence));
+            assert_eq!(seen.valve.get(), 0);
+            asked_for = asked_for.max(seen.telemetry.output.valve.get());
+        }
+        assert!(device.is_armed());
+        assert!(asked_for > 1000, "{asked_for}");
+    }
+
+    #[test]
+    fn hardware_in_the_loop_is_the_bare_controller_whatever_the_link_repeats() {
+        let mut device = ready();
+        tick(&mut device, &resting(), &[Command::EnterHil]);
+        let mut bare = Controller::new(settings());
+        for sequence in 1..300_u32 {
+            let request = if sequence == 55 {
+                Request::Assist
+            } else {
+                Request::None
+            };
+            let message = simulated(sequence, request);
+            let old = simulated(sequence.saturating_sub(3), Request::Vent);
+            let queue = [old, Command::Request(Request::Vent), message, message];
+            let seen = if sequence == 1 {
+                tick(&mut device, &resting(), &[message])
+            } else {
+                tick(&mut device, &resting(), &queue)
+            };
+            let Command::Sensors(message) = message else {
+                unreachable!()
+            };
+            assert_eq!(seen.telemetry.output, bare.tick(&message.sensors));
+        }
+    }
+
+    #[test]
+    fn one_message_a_tick_the_rest_waits() {
+        let mut device = ready();
+        let mut queue = [
+            Command::EnterHil,
+            simulated(5, Request::None),
+            simulated(6, Request::None),
+        ]
+        .into_iter();
+        let sources: Vec<Source> = (0..3)
+            .map(|_| {
+                device
+                    .tick(&resting(), Timing::default(), &mut queue)
+                    .telemetry
+                    .source
+            })
+            .collect();
+        assert_eq!(sources, [Source::Link(5), Source::Link(6), Source::Silence]);
+    }
+
+    #[test]
+    fn hardware_in_the_loop_is_refused_while_armed() {
+        let mut device = ready();
+        let seen = tick(
+            &mut device,
+            &resting(),
+            &[Command::Request(Request::Assist)],
+        );
+        assert!(seen.armed);
+        let seen = tick(&mut device, &resting(), &[Command::EnterHil]);
+        assert_eq!(
+            (seen.telemetry.source, mode(&seen)),
+            (Source::Pins, Mode::Assisting)
+        );
+    }
+
+    #[test]
+    fn silence_ends_hardware_in_the_loop_with_a_self_check() {
+        let mut device = ready();
+        tick(&mut device, &resting(), &[Command::EnterHil]);
+        tick(&mut device, &resting(), &[simulated(0, Request::None)]);
+        for _ in 0..HIL_SILENCE_TICKS {
+            let seen = tick(&mut device, &resting(), &[]);
+            assert_eq!(
+                (seen.telemetry.source, seen.valve.get()),
+                (Source::Silence, 0)
+            );
+        }
+        let seen = tick(&mut device, &resting(), &[]);
+        assert_eq!(
+            (seen.telemetry.source, mode(&seen)),
+            (Source::Pins, Mode::SelfCheck)
+        );
+    }
+
+    #[test]
+    fn missed_ticks_reach_the_supervisor() {
+        let mut device = ready();
+        let timing = Timing {
+            missed_ticks: 3,
+            ..Timing::default()
+        };
+        let seen = device.tick(&resting(), timing, core::iter::empty());
+        assert_eq!(seen.telemetry.output.fault, Some(Fault::MissedTicks));
+    }
+}

@@ -1,0 +1,452 @@
+//! The serial link: messages, and frames that carry them. docs/link.md is the specification.
+//!
+//! ```text
+//! message ─ postcard ─▶ version │ body │ CRC-32 ─ COBS ─▶ bytes without a zero │ 0
+//! ```
+//!
+//! A zero byte stands between frames and nowhere else: whatever is lost, flipped or repeated, the
+//! next zero begins anew. A frame that does not pass its checksum is dropped whole.
+
+use crate::device::Command;
+use crate::frame::{Output, Sensors};
+use crate::settings::SettingsValues;
+use crate::timing::Timing;
+use crc::{CRC_32_ISO_HDLC, Crc};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Version of the messages: it changes with every change of one, settings included.
+pub const VERSION: u8 = 1;
+/// A buffer of this size holds any frame.
+pub const FRAME_LEN_MAX: usize = 255;
+
+const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CHECKSUM_LEN: usize = 4;
+/// The first COBS code before, and the zero behind.
+const OVERHEAD_LEN: usize = 2;
+
+/// From the PC to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ToDevice {
+    /// Asks for [`FromDevice::Identity`].
+    Identify,
+    /// Asks for [`FromDevice::Settings`].
+    ReadSettings,
+    /// Stores settings and restarts with them; refused while armed.
+    WriteSettings(SettingsValues),
+    /// What the next tick is to see.
+    Command(Command),
+}
+
+/// From the board to the PC.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum FromDevice {
+    /// After a reset, and when asked for.
+    Identity(Identity),
+    /// The settings in force.
+    Settings(SettingsValues),
+    /// What came of [`ToDevice::WriteSettings`].
+    Written(Written),
+    /// Each tick.
+    Telemetry(Telemetry),
+}
+
+/// What came of storing settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Written {
+    /// They are stored: the board restarts.
+    Stored,
+    /// The muscle is or may be under pressure.
+    Armed,
+    /// A value is outside its limits or contradicts another.
+    Invalid,
+    /// The flash has failed: the board restarts with what it finds there.
+    FlashFailed,
+}
+
+/// Where a tick's sensor readings came from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Source {
+    /// The pins.
+    #[default]
+    Pins,
+    /// Hardware in the loop: the link, with the message's number.
+    Link(u32),
+    /// Hardware in the loop, and nothing came: the controller has not ticked.
+    Silence,
+}
+
+/// One tick: what came in, what went out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Telemetry {
+    /// Ticks since the reset.
+    pub tick: u32,
+    /// Where `sensors` came from.
+    pub source: Source,
+    /// What the controller read.
+    pub sensors: Sensors,
+    /// What it decided. With hardware in the loop the valve stays safe nevertheless.
+    pub output: Output,
+    /// When the tick came, by the board's clock.
+    pub timing: Timing,
+}
+
+/// The board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Board {
+    /// NUCLEO-F446RE.
+    NucleoF446re,
+}
+
+/// What answers, and how it fares.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// Version of the firmware: major, minor, patch.
+    pub firmware: [u8; 3],
+    /// The first eight digits of its git commit; 0: unknown.
+    pub commit: u32,
+    /// What it runs on.
+    pub board: Board,
+    /// CPU cycles in a second, for [`Timing`].
+    pub cpu_hz: u32,
+    /// Why it was reset last.
+    pub reset: ResetCause,
+    /// What stopped the firmware before that reset.
+    pub crash: Option<Crash>,
+    /// Where its settings came from.
+    pub settings: SettingsSource,
+    /// Stack that was never used \[bytes\].
+    pub stack_free_bytes: u16,
+    /// Frames that were dropped as damaged.
+    pub frames_rejected: u32,
+    /// Messages that were dropped as they came faster than they could be served.
+    pub messages_dropped: u32,
+}
+
+/// Where the settings in force came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SettingsSource {
+    /// [`SettingsValues::reference`]: none were stored.
+    Reference,
+    /// The same: what is stored is of another version or cannot be read.
+    ReferenceAsUnreadable,
+    /// The flash.
+    Stored,
+}
+
+/// Why the microcontroller was reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ResetCause {
+    /// Power came, or fell below what the chip can run on.
+    Power,
+    /// The reset button or the programmer.
+    Pin,
+    /// The firmware itself: new settings, or a crash.
+    Software,
+    /// Ticks did not complete.
+    Watchdog,
+    /// None of these.
+    Other,
+}
+
+/// What stopped the firmware.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Crash {
+    /// A broken assertion, in the line of the file whose path ends so.
+    Panic {
+        /// The line.
+        line: u32,
+        /// The last bytes of the file's path.
+        file_end: [u8; 16],
+    },
+    /// The CPU could not go on.
+    HardFault {
+        /// Where.
+        pc: u32,
+        /// Where it was called from.
+        lr: u32,
+        /// The CPU's configurable fault status register, which says why.
+        cfsr: u32,
+    },
+    /// The stack ran out of its memory.
+    StackOverflow {
+        /// The stack pointer.
+        sp: u32,
+    },
+    /// An interrupt that nobody serves.
+    Interrupt(i16),
+}
+
+/// The message does not fit into a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TooLong;
+
+/// A frame that was dropped: damaged, of another version, or not a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rejected;
+
+/// Writes `message` as a frame into `buffer`; returns the frame, the zero behind it included.
+///
+/// # Errors
+/// The message is too long; none of this module's is.
+pub fn encode<'a, M: Serialize>(
+    message: &M,
+    buffer: &'a mut [u8; FRAME_LEN_MAX],
+) -> Result<&'a [u8], TooLong> {
+    // A place for the first COBS code, then the payload.
+    let (first, payload) = buffer.split_first_mut().ok_or(TooLong)?;
+    *first = 0;
+    let (version, rest) = payload.split_first_mut().ok_or(TooLong)?;
+    *version = VERSION;
+    let body_len = postcard::to_slice(message, rest)
+        .map_err(|_| TooLong)?
+        .len();
+    let (covered, rest) = payload.split_at_mut_checked(1 + body_len).ok_or(TooLong)?;
+    let checksum = rest.first_chunk_mut::<CHECKSUM_LEN>().ok_or(TooLong)?;
+    *checksum = CHECKSUM.checksum(covered).to_le_bytes();
+    let frame_len = 1 + body_len + CHECKSUM_LEN + OVERHEAD_LEN;
+    let frame = buffer.get_mut(..frame_len).ok_or(TooLong)?;
+    stuff(frame);
+    Ok(frame)
+}
+
+/// Replaces each zero of `frame`, which begins with one, by the distance to the next; the last
+/// byte becomes the only zero. Distances fit: a frame is at most 255 bytes long.
+fn stuff(frame: &mut [u8]) {
+    let mut distance = 0_u8;
+    for (from_end, byte) in frame.iter_mut().rev().enumerate() {
+        if from_end == 0 {
+            *byte = 0;
+        } else if *byte == 0 {
+            *byte = distance;
+            distance = 0;
+        }
+        distance = distance.wrapping_add(1);
+    }
+}
+
+/// Undoes [`stuff`] on a frame without its last zero; none where it was not stuffed so.
+fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
+    let mut distance = 0_u8;
+    for byte in frame.iter_mut() {
+        if distance == 0 {
+            distance = *byte;
+            *byte = 0;
+        }
+        distance = distance.checked_sub(1)?;
+    }
+    // The last distance leads to the zero that has ended the frame.
+    let (_, payload) = frame.split_first()?;
+    (distance == 0).then_some(payload)
+}
+
+fn decode<M: DeserializeOwned>(frame: &mut [u8]) -> Option<M> {
+    let payload = unstuff(frame)?;
+    let (covered, checksum) = payload.split_last_chunk::<CHECKSUM_LEN>()?;
+    if CHECKSUM.checksum(covered) != u32::from_le_bytes(*checksum) {
+        return None;
+    }
+    match covered.split_first()? {
+        (&VERSION, body) => match postcard::take_from_bytes(body) {
+            Ok((message, [])) => Some(message),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+/// Finds frames in a stream of bytes.
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    buffer: [u8; FRAME_LEN_MAX],
+    /// Bytes since the last zero, those that did not fit included.
+    len: usize,
+}
+
+impl Default for Decoder {
+    fn default() -> Decoder {
+        Decoder::new()
+    }
+}
+
+impl Decoder {
+    /// A decoder that waits for a frame's first byte.
+    pub const fn new() -> Decoder {
+        Decoder {
+            buffer: [0; FRAME_LEN_MAX],
+            len: 0,
+        }
+    }
+
+    /// Takes one byte; returns the message that it completes, if it does.
+    pub fn push<M: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<M, Rejected>> {
+        if byte != 0 {
+            if let Some(place) = self.buffer.get_mut(self.len) {
+                *place = byte;
+            }
+            self.len = self.len.saturating_add(1);
+            return None;
+        }
+        let len = core::mem::take(&mut self.len);
+        // Zeros may follow each other: an empty frame is nothing.
+        if len == 0 {
+            return None;
+        }
+        Some(self.buffer.get_mut(..len).and_then(decode).ok_or(Rejected))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Request;
+    use crate::signal::{AdcCount, EncoderCount};
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
+    /// Commands that differ from each other, with many zeros and ones among their bytes.
+    fn command() -> impl Strategy<Value = ToDevice> {
+        let counts = prop_oneof![Just(0_u32), Just(1), any::<u32>()];
+        let request = prop_oneof![Just(Request::None), Just(Request::Vent)];
+        (counts.clone(), 0..4096_u16, 0..4096_u16, counts, request).prop_map(
+            |(sequence, bridge, pressure, encoder, request)| {
+                ToDevice::Command(Command::Sensors(crate::device::SimulatedSensors {
+                    sequence,
+                    sensors: Sensors {
+                        bridge: AdcCount(bridge),
+                        pressure: AdcCount(pressure),
+                        encoder: EncoderCount(encoder),
+                        missed_ticks: 0,
+                        request,
+                    },
+                }))
+            },
+        )
+    }
+
+    fn frame(message: &ToDevice) -> Vec<u8> {
+        encode(message, &mut [0xAA; FRAME_LEN_MAX])
+            .unwrap()
+            .to_vec()
+    }
+
+    /// Each frame's message, none where a frame was rejected.
+    fn received(bytes: &[u8]) -> Vec<Option<ToDevice>> {
+        let mut decoder = Decoder::new();
+        let pushed = bytes.iter().filter_map(|byte| decoder.push(*byte));
+        pushed.map(Result::ok).collect()
+    }
+
+    #[test]
+    fn the_longest_messages_fit() {
+        let mut settings = SettingsValues::reference();
+        settings.stuck_ticks = u16::MAX;
+        settings.self_check_ticks = u16::MAX;
+        settings.self_check_ticks_max = u16::MAX;
+        let message = ToDevice::WriteSettings(settings);
+        assert_eq!(received(&frame(&message)), [Some(message)]);
+        let crash = Crash::Panic {
+            line: u32::MAX,
+            file_end: [0xFF; 16],
+        };
+        let identity = FromDevice::Identity(Identity {
+            firmware: [u8::MAX; 3],
+            commit: u32::MAX,
+            board: Board::NucleoF446re,
+            cpu_hz: u32::MAX,
+            reset: ResetCause::Other,
+            crash: Some(crash),
+            settings: SettingsSource::Stored,
+            stack_free_bytes: u16::MAX,
+            frames_rejected: u32::MAX,
+            messages_dropped: u32::MAX,
+        });
+        assert!(encode(&identity, &mut [0; FRAME_LEN_MAX]).is_ok());
+        let longest = [[1_u8; 31]; 8];
+        let len = |encoded: Result<&[u8], TooLong>| encoded.map(<[u8]>::len);
+        assert_eq!(
+            len(encode(&longest, &mut [0; FRAME_LEN_MAX])),
+            Ok(FRAME_LEN_MAX)
+        );
+        let longer = (longest, 1_u8);
+        assert_eq!(len(encode(&longer, &mut [0; FRAME_LEN_MAX])), Err(TooLong));
+    }
+
+    /// The specification's own bytes: a change of the format must be a change of the version.
+    #[test]
+    fn frames_are_what_the_specification_says() {
+        assert_eq!(frame(&ToDevice::Identify), IDENTIFY);
+        assert_eq!(
+            frame(&ToDevice::Command(Command::Request(Request::Vent))),
+            VENT
+        );
+    }
+
+    const IDENTIFY: [u8; 8] = [2, 1, 5, 190, 35, 194, 88, 0];
+    const VENT: [u8; 10] = [3, 1, 3, 6, 3, 154, 87, 183, 2, 0];
+
+    proptest! {
+        #[test]
+        fn any_bytes_come_back(bytes in vec(prop_oneof![Just(0_u8), any::<u8>()], 0..32)) {
+            let mut decoder = Decoder::new();
+            let mut array = [0; 32];
+            array[..bytes.len()].copy_from_slice(&bytes);
+            let mut buffer = [0xAA; FRAME_LEN_MAX];
+            let (last, body) = encode(&array, &mut buffer).unwrap().split_last().unwrap();
+            prop_assert!(*last == 0 && !body.contains(&0));
+            for byte in body {
+                prop_assert_eq!(decoder.push::<[u8; 32]>(*byte), None);
+            }
+            prop_assert_eq!(decoder.push::<[u8; 32]>(0), Some(Ok(array)));
+        }
+
+        /// Whatever noise comes before, one zero puts the decoder right.
+        #[test]
+        fn noise_then_a_frame(noise in vec(any::<u8>(), 0..600), message in command()) {
+            let mut bytes = noise;
+            bytes.push(0);
+            let before = received(&bytes).len();
+            bytes.extend(frame(&message));
+            let all = received(&bytes);
+            prop_assert_eq!(all.len(), before + 1);
+            prop_assert!(all[..before].iter().all(Option::is_none));
+            prop_assert_eq!(all[before], Some(message));
+        }
+
+        /// Bytes lost, flipped, repeated and exchanged: what arrives was sent, and frames that were
+        /// not touched arrive.
+        #[test]
+        fn damage_never_makes_a_message(
+            messages in vec(command(), 4..12),
+            damages in vec((any::<prop::sample::Index>(), 0..4_u8, 1..=255_u8), 1..6),
+        ) {
+            let mut bytes: Vec<u8> = messages.iter().flat_map(frame).collect();
+            for (place, kind, flip) in &damages {
+                let place = place.index(bytes.len() - 1);
+                match kind {
+                    0 => drop(bytes.remove(place)),
+                    1 => bytes[place] ^= flip,
+                    2 => bytes.insert(place, bytes[place]),
+                    _ => bytes.swap(place, place + 1),
+                }
+            }
+            let got: Vec<ToDevice> = received(&bytes).into_iter().flatten().collect();
+            let mut sent = messages.iter();
+            // In order, each one of those that were sent.
+            prop_assert!(got.iter().all(|message| sent.any(|one| one == message)));
+            // A damaged byte spoils two frames at most: its own, and the next if it was the zero.
+            prop_assert!(got.len() + 2 * damages.len() >= messages.len());
+        }
+
+        /// Truncated anywhere and sent again: the second time it arrives.
+        #[test]
+        fn unplugged_in_a_frame(message in command(), cut in any::<prop::sample::Index>()) {
+            let whole = frame(&message);
+            let mut bytes = whole[..cut.index(whole.len())].to_vec();
+            bytes.extend(&whole);
+            bytes.extend(&whole);
+            let all = received(&bytes);
+            prop_assert_eq!(all.last(), Some(&Some(message)));
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! Did the tick come when it should? Told from a free-running counter of CPU cycles.
+
+use core::num::NonZeroU32;
+use serde::{Deserialize, Serialize};
+
+/// When a tick began and how long the one before it took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Timing {
+    /// Ticks that did not happen since the last one.
+    pub missed_ticks: u8,
+    /// CPU cycles after the earliest possible start; its spread is the jitter.
+    pub late_cycles: u32,
+    /// CPU cycles that the last tick took.
+    pub busy_cycles: u32,
+}
+
+/// Compares each tick with a grid of equal periods.
+#[derive(Clone, Copy, Debug)]
+pub struct TickClock {
+    period_cycles: NonZeroU32,
+    /// Where on the grid the last tick was due, and how long it took.
+    due_cycles: Option<u32>,
+    busy_cycles: u32,
+}
+
+impl TickClock {
+    /// A clock whose grid begins with the first tick.
+    pub const fn new(period_cycles: NonZeroU32) -> TickClock {
+        TickClock {
+            period_cycles,
+            due_cycles: None,
+            busy_cycles: 0,
+        }
+    }
+
+    /// A tick begins at `now_cycles`, on a counter that wraps. The longest gap that is told right
+    /// is the counter's span.
+    pub fn begin(&mut self, now_cycles: u32) -> Timing {
+        let period_cycles = self.period_cycles.get();
+        let Some(last_cycles) = self.due_cycles else {
+            self.due_cycles = Some(now_cycles);
+            return Timing::default();
+        };
+        let elapsed_cycles = now_cycles.wrapping_sub(last_cycles);
+        // A tick may come a little before the grid has it due: then the first one came late.
+        let early_cycles = period_cycles / 64;
+        let periods = (elapsed_cycles.saturating_add(early_cycles) / self.period_cycles).max(1);
+        let due_after_cycles = periods.saturating_mul(period_cycles);
+        let late_cycles = elapsed_cycles.checked_sub(due_after_cycles);
+        self.due_cycles = Some(match late_cycles {
+            Some(_) => last_cycles.wrapping_add(due_after_cycles),
+            None => now_cycles,
+        });
+        Timing {
+            missed_ticks: (periods - 1).min(u32::from(u8::MAX)) as u8,
+            late_cycles: late_cycles.unwrap_or(0),
+            busy_cycles: self.busy_cycles,
+        }
+    }
+
+    /// The tick that began at `begin_cycles` ends.
+    pub fn end(&mut self, begin_cycles: u32, now_cycles: u32) {
+        self.busy_cycles = now_cycles.wrapping_sub(begin_cycles);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PERIOD: NonZeroU32 = NonZeroU32::new(1_800_000).unwrap();
+
+    /// Timings of ticks at `times`, in cycles from the first, on a counter that starts at `from`.
+    fn timings(from: u32, times: &[u64]) -> Vec<Timing> {
+        let mut clock = TickClock::new(PERIOD);
+        times
+            .iter()
+            .map(|t| clock.begin(from.wrapping_add(*t as u32)))
+            .collect()
+    }
+
+    #[test]
+    fn a_tick_delayed_by_seven_milliseconds_is_late_and_not_missed() {
+        let seen = timings(0, &[0, 1_800_000, 4_860_000, 5_400_000, 7_200_000]);
+        let late: Vec<u32> = seen.iter().map(|t| t.late_cycles).collect();
+        assert_eq!(late, [0, 0, 1_260_000, 0, 0]);
+        assert!(seen.iter().all(|t| t.missed_ticks == 0));
+    }
+
+    #[test]
+    fn a_late_first_tick_does_not_shift_the_grid_for_good() {
+        let seen = timings(0, &[20_000, 1_800_000, 3_600_005, 5_400_000]);
+        let late: Vec<u32> = seen.iter().map(|t| t.late_cycles).collect();
+        assert_eq!(late, [0, 0, 5, 0]);
+    }
+
+    #[test]
+    fn duration_is_reported_with_the_next_tick() {
+        let mut clock = TickClock::new(PERIOD);
+        clock.begin(u32::MAX - 5);
+        clock.end(u32::MAX - 5, 100);
+        assert_eq!(clock.begin(1_800_000).busy_cycles, 106);
+    }
+
+    proptest! {
+        #[test]
+        fn no_tick_is_lost_from_the_count(
+            from: u32,
+            gaps in prop::collection::vec((1_u64..200, 0_u64..20_000), 1..50),
+        ) {
+            let mut tick = 0;
+            let mut times = vec![0];
+            for (ticks, latency_cycles) in &gaps {
+                tick += ticks;
+                times.push(tick * 1_800_000 + latency_cycles);
+            }
+            let seen = timings(from, &times);
+            let counted: u64 = seen.iter().skip(1).map(|t| 1 + u64::from(t.missed_ticks)).sum();
+            prop_assert_eq!(counted, tick);
+            for (timing, (_, latency_cycles)) in seen.iter().skip(1).zip(&gaps) {
+                prop_assert_eq!(u64::from(timing.late_cycles), *latency_cycles);
+            }
+        }
+    }
+}
