@@ -297,6 +297,21 @@ impl Board {
         self.cpu.set_memory(address, bytes);
     }
 
+    /// What the flash holds.
+    pub fn flash(&self) -> &[u8] {
+        &self.cpu.soc().flash.cells
+    }
+
+    /// Overwrites flash at once, as a programmer could.
+    pub fn write_flash(&mut self, address: u32, bytes: &[u8]) {
+        let start = address.wrapping_sub(flash::BASE) as usize;
+        assert!(
+            start + bytes.len() <= flash::LEN,
+            "{address:#x} is not flash"
+        );
+        self.cpu.write_flash(start, bytes);
+    }
+
     /// Address of a symbol of the ELF.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.symbols

@@ -29,7 +29,7 @@ enum Special {
     /// WFE, SEV, YIELD: nothing.
     Hint,
     /// MRS of IPSR or a combination with it, which the engine always reads as 0.
-    ReadXpsr { to: u32, which: u32 },
+    ReadXpsr { to: u8, which: u8 },
     /// Floating point while CPACR forbids it.
     NoCoprocessor,
 }
@@ -38,6 +38,8 @@ enum Special {
 pub(crate) struct Hooked {
     /// The chip.
     pub soc: Soc,
+    /// What the instructions in flash are.
+    kinds: Vec<Kind>,
     /// The engine must stop before the next instruction at or after this.
     deadline: Time,
     /// An exception or a transfer may have become possible: stop before the next instruction.
@@ -198,60 +200,87 @@ fn map_registers(uc: &mut Engine<'static>) {
     ));
 }
 
-/// The half-words of the instruction at `address`.
-fn fetch(uc: &Engine, address: u32) -> [u16; 2] {
+/// The half-words of an instruction outside of the flash.
+fn fetch_from_ram(uc: &Engine, address: u32) -> [u16; 2] {
     let mut bytes = [0; 4];
-    if is_flash(address) {
-        let start = (address - flash::BASE) as usize;
-        let cells = &uc.get_data().soc.flash.cells;
-        let end = (start + 4).min(cells.len());
-        bytes[..end - start].copy_from_slice(&cells[start..end]);
-    } else if uc.mem_read(address.into(), &mut bytes).is_err() {
-        return [0; 2];
-    }
+    // at the end of the RAM there may be only one; what cannot be read will fault by itself
+    let _ = uc.mem_read(address.into(), &mut bytes[..2]);
+    let _ = uc.mem_read(u64::from(address) + 2, &mut bytes[2..]);
     let [a, b, c, d] = bytes;
     [u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])]
 }
 
-fn special(hooked: &Hooked, [first, second]: [u16; 2]) -> Option<Special> {
+/// What the hook has to know of an instruction.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Kind {
+    Plain,
+    /// Opens masks: CPS, MSR.
+    Unmasks,
+    /// IT, and how many instructions belong to it.
+    IfThen(u8),
+    /// Floating point.
+    Float,
+    Special(Special),
+}
+
+fn kind([first, second]: [u16; 2]) -> Kind {
     match first {
-        0xbf30 => Some(Special::Sleep),
-        0xbf10 | 0xbf20 | 0xbf40 => Some(Special::Hint),
+        0xbf30 => Kind::Special(Special::Sleep),
+        0xbf10 | 0xbf20 | 0xbf40 => Kind::Special(Special::Hint),
+        it @ 0xbf00..=0xbfff if it & 0xf != 0 => {
+            Kind::IfThen(4 - (it & 0xf).trailing_zeros() as u8)
+        }
+        0xb660..=0xb677 | 0xf380..=0xf39f => Kind::Unmasks,
         0xf3ef if second & 0xf0f9 == 0x8001 => {
-            let (to, which) = (u32::from(second >> 8 & 15), u32::from(second & 7));
-            Some(Special::ReadXpsr { to, which })
+            let (to, which) = ((second >> 8 & 15) as u8, (second & 7) as u8);
+            Kind::Special(Special::ReadXpsr { to, which })
         }
-        0xec00..=0xefff | 0xfc00..=0xffff if second & 0x0e00 == 0x0a00 => {
-            let off = !hooked.soc.scb.is_fpu_on();
-            off.then_some(Special::NoCoprocessor)
-        }
-        _ => None,
+        0xec00..=0xefff | 0xfc00..=0xffff if second & 0x0e00 == 0x0a00 => Kind::Float,
+        _ => Kind::Plain,
     }
+}
+
+/// The kinds of all instructions in flash, told beforehand as the hook runs so often.
+fn kinds(cells: &[u8]) -> Vec<Kind> {
+    let half = |i: usize| match cells.get(i..i + 2) {
+        Some(bytes) => u16::from_le_bytes([bytes[0], bytes[1]]),
+        None => 0,
+    };
+    (0..cells.len())
+        .step_by(2)
+        .map(|i| kind([half(i), half(i + 2)]))
+        .collect()
 }
 
 /// Runs before every instruction.
 fn before_instruction(uc: &mut Engine, address: u64, _size: u32) {
     let address = address as u32;
-    let code = fetch(uc, address);
+    let in_flash = (address.wrapping_sub(flash::BASE) / 2) as usize;
+    let kind = match uc.get_data().kinds.get(in_flash) {
+        Some(kind) => *kind,
+        None => kind(fetch_from_ram(uc, address)),
+    };
     let hooked = uc.get_data_mut();
     let now = hooked.soc.now;
+    let interrupted = hooked.it_left == 0 && (hooked.recheck || now >= hooked.deadline);
     let stalls = hooked.soc.flash.busy_until() > now && is_flash(address);
-    let interrupted = hooked.recheck || now >= hooked.deadline;
-    hooked.special = special(hooked, code);
-    if hooked.it_left == 0 && interrupted || stalls || hooked.special.is_some() {
+    let special = match kind {
+        Kind::Special(special) => Some(special),
+        Kind::Float if !hooked.soc.scb.is_fpu_on() => Some(Special::NoCoprocessor),
+        _ => None,
+    };
+    if interrupted || stalls || special.is_some() {
+        hooked.special = special.filter(|_| !interrupted && !stalls);
         must(uc.emu_stop());
         return;
     }
     hooked.soc.pc = address;
-    hooked.soc.now += hooked.soc.rcc.clocks.cycle();
+    hooked.soc.now += hooked.soc.cycle;
     hooked.soc.instructions += 1;
     hooked.it_left = hooked.it_left.saturating_sub(1);
-    match code[0] {
-        // CPS and MSR may open a mask
-        0xb660..=0xb677 | 0xf380..=0xf39f => {
-            hooked.recheck |= hooked.soc.nvic.is_anything_pending();
-        }
-        it @ 0xbf00..=0xbfff if it & 0xf != 0 => hooked.it_left = 4 - (it & 0xf).trailing_zeros(),
+    match kind {
+        Kind::Unmasks => hooked.recheck |= hooked.soc.nvic.is_anything_pending(),
+        Kind::IfThen(count) => hooked.it_left = count.into(),
         _ => {}
     }
 }
@@ -290,6 +319,7 @@ impl Cpu {
     /// A core whose flash and peripherals are those of `soc`, before its first reset.
     pub fn new(soc: Soc) -> Cpu {
         let hooked = Hooked {
+            kinds: kinds(&soc.flash.cells),
             soc,
             deadline: 0,
             recheck: false,
@@ -394,11 +424,27 @@ impl Cpu {
         self.set_reg(R::PC, self.word(4) | 1);
     }
 
+    /// Overwrites cells of the flash, code included.
+    pub fn write_flash(&mut self, start: usize, bytes: &[u8]) {
+        let range = start..start + bytes.len();
+        let flash = &mut self.soc_mut().flash;
+        flash.cells[range.clone()].copy_from_slice(bytes);
+        flash.changed.push(range);
+        self.flush_flash();
+        must(self.uc.ctl_flush_tb());
+    }
+
     /// Brings the engine's copy of the flash up to date.
     fn flush_flash(&mut self) {
         for range in std::mem::take(&mut self.soc_mut().flash.changed) {
             let bytes = self.soc().flash.cells[range.clone()].to_vec();
             self.set_memory(flash::BASE + range.start as u32, &bytes);
+            // an instruction may span two words
+            let (from, to) = (range.start.saturating_sub(2) & !1, (range.end + 1) & !1);
+            let hooked = self.uc.get_data_mut();
+            let cells = &hooked.soc.flash.cells[from..(to + 2).min(flash::LEN)];
+            let new = kinds(cells);
+            hooked.kinds[from / 2..to / 2].copy_from_slice(&new[..(to - from) / 2]);
         }
     }
 
@@ -535,7 +581,7 @@ impl Cpu {
     fn emulate(&mut self, special: Special) {
         let pc = self.reg(R::PC);
         let soc = self.soc_mut();
-        soc.now += soc.rcc.clocks.cycle();
+        soc.now += soc.cycle;
         soc.instructions += 1;
         let len = match special {
             Special::NoCoprocessor => return self.fault(USAGE_FAULT, scb::NOCP, None),
@@ -551,7 +597,10 @@ impl Cpu {
                     0
                 };
                 let value = flags | self.soc().nvic.running() as u32;
-                must(self.uc.reg_write(R::R0 as i32 + to as i32, value.into()));
+                must(
+                    self.uc
+                        .reg_write(R::R0 as i32 + i32::from(to), value.into()),
+                );
                 4
             }
         };
@@ -609,7 +658,7 @@ impl Cpu {
 
     fn spend(&mut self, cycles: u64) {
         let soc = self.soc_mut();
-        soc.now += cycles * soc.rcc.clocks.cycle();
+        soc.now += cycles * soc.cycle;
     }
 
     /// Stacks a frame and jumps to the handler of `exception`.

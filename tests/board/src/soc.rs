@@ -103,6 +103,8 @@ pub struct DacEvent {
 pub struct Soc {
     /// The present.
     pub now: Time,
+    /// Duration of a core cycle.
+    pub cycle: Time,
     /// Instructions executed since the board was made.
     pub instructions: u64,
     /// Address of the instruction under execution.
@@ -153,6 +155,7 @@ impl Soc {
         let clocks = rcc.clocks;
         Soc {
             now: 0,
+            cycle: clocks.cycle(),
             instructions: 0,
             pc: 0,
             flash,
@@ -297,6 +300,7 @@ impl Soc {
         self.usart.set_clock(unit(clocks.pclk1_hz));
         self.systick.set_clock(now, clocks.cycle());
         self.cycles.set_clock(now, clocks.cycle());
+        self.cycle = clocks.cycle();
     }
 
     /// What a clock needs of regulator and flash (RM0390 tables 6 and 18).
