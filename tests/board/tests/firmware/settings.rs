@@ -18,13 +18,16 @@ fn numbered(number: u32) -> SettingsValues {
 fn read(rig: &mut Rig) -> SettingsValues {
     rig.messages();
     rig.send(&ToDevice::ReadSettings);
-    rig.run_ms(15);
-    let messages = rig.messages();
-    let values = messages.into_iter().find_map(|(_, message)| match message {
-        FromDevice::Settings(values) => Some(values),
-        _ => None,
-    });
-    values.expect("an answer")
+    // a board that boots may have to erase before it answers
+    for _ in 0..500 {
+        rig.run_ms(10);
+        for (_, message) in rig.messages() {
+            if let FromDevice::Settings(values) = message {
+                return values;
+            }
+        }
+    }
+    panic!("no answer in 5 s");
 }
 
 fn written(rig: &mut Rig) -> Option<Written> {
@@ -166,12 +169,12 @@ fn power_cuts_while_a_sector_is_erased_leave_the_old_or_the_new_settings() {
     let mut before = rig.board.flash()[SECTORS].to_vec();
     loop {
         number += 1;
-        let erases = rig.board.flash_erase_count();
+        let (erases, resets) = (rig.board.flash_erase_count(), rig.board.resets().len());
         rig.send(&ToDevice::WriteSettings(numbered(number)));
-        rig.run_ms(40);
-        while rig.board.is_flash_busy() {
-            rig.run_ms(100);
+        while rig.board.resets().len() == resets {
+            rig.run_ms(1);
         }
+        rig.run_ms(12);
         if rig.board.flash_erase_count() > erases {
             break;
         }
