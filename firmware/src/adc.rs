@@ -1,6 +1,6 @@
 //! Strain bridge and pressure sensor: the timer starts a scan, DMA brings it to RAM.
 
-use crate::board;
+use crate::board::{self, BridgePin, PressurePin};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 use model_core::sampling::{self, INPUTS, SCAN_LEN};
 use model_core::signal::AdcCount;
@@ -12,7 +12,6 @@ use stm32f4xx_hal::dma::{
     DmaChannel, DmaDataSize, DmaDirection, DmaEvent, DmaFlag, Stream0, config::Priority,
     traits::Stream,
 };
-use stm32f4xx_hal::gpio::{Analog, PC0, PC1};
 use stm32f4xx_hal::pac::{ADC1, DMA2, TIM2};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use stm32f4xx_hal::{ClearFlags, Listen};
@@ -30,8 +29,8 @@ impl Scanner {
     pub fn new(
         adc: ADC1,
         mut stream: Stream0<DMA2>,
-        bridge: PC0<Analog>,
-        pressure: PC1<Analog>,
+        bridge: BridgePin,
+        pressure: PressurePin,
         rcc: &mut Rcc,
     ) -> Scanner {
         let config = AdcConfig::default()

@@ -1,17 +1,15 @@
-//! The NUCLEO-F446RE: which pin, timer, DMA stream and interrupt does what. docs/wiring.md draws it.
-//!
-//! | signal          | pin      | peripheral             | served by                        |
-//! |-----------------|----------|------------------------|----------------------------------|
-//! | strain bridge   | PC0 (A5) | ADC1 channel 10        | DMA2 stream 0 channel 0          |
-//! | pressure sensor | PC1 (A4) | ADC1 channel 11        | the same                         |
-//! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
-//! | valve           | PA4 (A2) | DAC channel 1          | written by the tick              |
-//! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
-//! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
-//! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
-//!
-//! TIM2's update starts the ADC, sixteen conversions later DMA2 stream 0 interrupts: that is the
-//! tick. TIM3 interrupts every millisecond: that is the link's turn.
+//! The board: clocks and times, asserted at compile time, and all devices set up. The pins, and
+//! what differs between boards, stand in a file of their own, chosen by a cargo feature.
+
+#[cfg(feature = "nucleo-f446re")]
+mod nucleo_f446re;
+#[cfg(feature = "nucleo-f446re")]
+pub use nucleo_f446re::*;
+
+#[cfg(all(feature = "stm32f407", not(feature = "nucleo-f446re")))]
+mod stm32f407;
+#[cfg(all(feature = "stm32f407", not(feature = "nucleo-f446re")))]
+pub use stm32f407::*;
 
 use crate::adc::Scanner;
 use crate::encoder::Encoder;
@@ -20,18 +18,13 @@ use crate::link::Link;
 use crate::valve::Valve;
 use crate::watchdog::Watchdog;
 use core::num::NonZeroU32;
-use model_core::link::{Board, Crash, Identity, ResetCause, SettingsSource};
+use model_core::link::{Crash, Identity, ResetCause, SettingsSource};
 use stm32f4xx_hal::dma::StreamsTuple;
-use stm32f4xx_hal::gpio::{Input, PC13};
 use stm32f4xx_hal::pac::{self, TIM2, TIM3};
 use stm32f4xx_hal::prelude::*;
-use stm32f4xx_hal::rcc::{Config, Rcc};
+use stm32f4xx_hal::rcc::Rcc;
 use stm32f4xx_hal::timer::{CounterUs, Event};
 
-/// The ST-LINK's 8 MHz clock output drives HSE.
-pub const HSE_HZ: u32 = 8_000_000;
-/// The fastest that an F446 runs, with over-drive.
-pub const SYSCLK_HZ: u32 = 180_000_000;
 /// APB1 runs at a quarter of SYSCLK, its timers at twice that.
 pub const TIMER_HZ: u32 = SYSCLK_HZ / 2;
 
@@ -39,9 +32,7 @@ pub const TIMER_HZ: u32 = SYSCLK_HZ / 2;
 pub const TICK_US: u32 = 10_000;
 /// CPU cycles in a tick.
 pub const TICK_CYCLES: NonZeroU32 = NonZeroU32::new(SYSCLK_HZ / 1_000_000 * TICK_US).unwrap();
-/// TIM2 counts microseconds.
-pub const TICK_PRESCALER: u32 = 90;
-/// Counts of TIM2 in a tick.
+/// Counts of TIM2 in a tick: microseconds.
 pub const TICK_COUNTS: u32 = 10_000;
 
 /// Bits per second of the link: telemetry takes 7 % of it.
@@ -50,7 +41,7 @@ pub const LINK_BAUD: u32 = 921_600;
 const LINK_TURN_MS: u32 = 1;
 
 const _: () = {
-    // Exactly: 10 ms × 90 MHz, without a remainder.
+    // Exactly 10 ms, without a remainder.
     let counts = TIMER_HZ as u64 * TICK_US as u64;
     assert!(counts == TICK_PRESCALER as u64 * TICK_COUNTS as u64 * 1_000_000);
     assert!(TICK_PRESCALER <= 1 << 16);
@@ -72,8 +63,8 @@ pub struct Parts {
     pub scanner: Scanner,
     /// Encoder.
     pub encoder: Encoder,
-    /// Button B1, low while pressed.
-    pub button: PC13<Input>,
+    /// The button.
+    pub button: Button,
     /// Valve, at zero volts.
     pub valve: Valve,
     /// Link.
@@ -93,20 +84,15 @@ impl Parts {
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
 
-        let config = Config::hse(HSE_HZ.Hz())
-            .bypass_hse_oscillator()
-            .sysclk(SYSCLK_HZ.Hz());
-        let mut rcc = device.RCC.freeze(config);
+        let mut rcc = device.RCC.freeze(clock_source().sysclk(SYSCLK_HZ.Hz()));
         assert!(rcc.clocks.sysclk().raw() == SYSCLK_HZ && rcc.clocks.timclk1().raw() == TIMER_HZ);
-        let a = device.GPIOA.split(&mut rcc);
-        let c = device.GPIOC.split(&mut rcc);
-        let valve = Valve::new(device.DAC, a.pa4.into_analog(), &mut rcc);
+        let pins = Pins::new(device.GPIOA, device.GPIOC, &mut rcc);
+        let valve = Valve::new(device.DAC, pins.valve, &mut rcc);
         let dma1 = StreamsTuple::new(device.DMA1, &mut rcc);
         let dma2 = StreamsTuple::new(device.DMA2, &mut rcc);
-        let (bridge, pressure) = (c.pc0.into_analog(), c.pc1.into_analog());
-        let scanner = Scanner::new(device.ADC1, dma2.0, bridge, pressure, &mut rcc);
-        let encoder = Encoder::new(device.TIM5, a.pa0, a.pa1, &mut rcc);
-        let link = Link::new(device.USART2, (a.pa2, a.pa3), (dma1.5, dma1.6), &mut rcc);
+        let scanner = Scanner::new(device.ADC1, dma2.0, pins.bridge, pins.pressure, &mut rcc);
+        let encoder = Encoder::new(device.TIM5, pins.encoder, &mut rcc);
+        let link = Link::new(device.USART2, pins.link, (dma1.5, dma1.6), &mut rcc);
         let mut link_timer = device.TIM3.counter_us(&mut rcc);
         link_timer.listen(Event::Update);
         let started = link_timer.start(LINK_TURN_MS.millis());
@@ -117,7 +103,7 @@ impl Parts {
             store: Store::new(device.FLASH),
             scanner,
             encoder,
-            button: c.pc13,
+            button: pins.button,
             valve,
             link,
             link_timer,
@@ -136,7 +122,7 @@ pub fn identity(reset: ResetCause, crash: Option<Crash>, settings: SettingsSourc
             number(env!("CARGO_PKG_VERSION_PATCH")),
         ],
         commit: u32::from_str_radix(env!("COMMIT"), 16).unwrap_or(0),
-        board: Board::NucleoF446re,
+        board: BOARD,
         cpu_hz: SYSCLK_HZ,
         reset,
         crash,

@@ -1,8 +1,8 @@
 //! The muscle's encoder: TIM5 counts each edge of A and B, on 32 bits that wrap.
 
+use crate::board::EncoderPins;
 use embedded_hal_02::Qei as _;
 use model_core::signal::EncoderCount;
-use stm32f4xx_hal::gpio::{PA0, PA1};
 use stm32f4xx_hal::pac::TIM5;
 use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Rcc;
@@ -12,10 +12,8 @@ pub struct Encoder(Qei<TIM5>);
 
 impl Encoder {
     /// Begins to count, from zero.
-    pub fn new(timer: TIM5, a: PA0, b: PA1, rcc: &mut Rcc) -> Encoder {
-        let a = a.into_alternate::<2>().internal_pull_up(true);
-        let b = b.into_alternate::<2>().internal_pull_up(true);
-        Encoder(Qei::new(timer, (a, b), rcc))
+    pub fn new(timer: TIM5, pins: EncoderPins, rcc: &mut Rcc) -> Encoder {
+        Encoder(Qei::new(timer, pins, rcc))
     }
 
     /// The position.

@@ -1,6 +1,6 @@
 //! The serial link: USART2 with DMA both ways, served once a millisecond below the tick.
 
-use crate::board;
+use crate::board::{self, LinkPins};
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use model_core::link::{self, Decoder, FRAME_LEN_MAX, FromDevice, ToDevice};
 use stm32f4xx_hal::ClearFlags;
@@ -8,7 +8,6 @@ use stm32f4xx_hal::dma::{
     DmaChannel, DmaDirection, DmaFlag, Stream5, Stream6,
     traits::{PeriAddress, Stream},
 };
-use stm32f4xx_hal::gpio::{PA2, PA3};
 use stm32f4xx_hal::pac::{DMA1, USART2};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
@@ -42,7 +41,7 @@ impl Link {
     /// Begins to listen.
     pub fn new(
         usart: USART2,
-        pins: (PA2, PA3),
+        pins: LinkPins,
         (mut rx, mut tx): (Stream5<DMA1>, Stream6<DMA1>),
         rcc: &mut Rcc,
     ) -> Link {

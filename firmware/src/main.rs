@@ -25,7 +25,7 @@ use defmt_rtt as _;
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
     use crate::adc::{self, Scanner};
-    use crate::board::{self, Parts};
+    use crate::board::{self, Button, Parts};
     use crate::crash;
     use crate::encoder::Encoder;
     use crate::flash::Store;
@@ -36,17 +36,21 @@ mod app {
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
     use model_core::device::{Command, Device, Pins};
+    use model_core::frame::Request;
     use model_core::link::{FromDevice, Identity, Telemetry, ToDevice, Written};
     use model_core::settings::{Settings, SettingsValues};
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
     use stm32f4xx_hal::ClearFlags;
-    use stm32f4xx_hal::gpio::{Input, PC13};
     use stm32f4xx_hal::pac::TIM3;
     use stm32f4xx_hal::timer::{CounterUs, Flag};
 
+    /// Told to the tick: venting is asked for. Not queued, so that nothing can crowd it out.
+    static VENT: AtomicBool = AtomicBool::new(false);
     /// Told by the tick: settings must not change.
     static ARMED: AtomicBool = AtomicBool::new(false);
+
+    const VENTING: Command = Command::Request(Request::Vent);
 
     /// What is logged.
     type Change = (Mode, Option<Fault>);
@@ -60,7 +64,7 @@ mod app {
         clock: TickClock,
         scanner: Scanner,
         encoder: Encoder,
-        button: PC13<Input>,
+        button: Button,
         valve: Valve,
         watchdog: Watchdog,
         to_tick: Producer<'static, Command>,
@@ -137,10 +141,13 @@ mod app {
             bridge,
             pressure,
             encoder: local.encoder.read(),
-            button_pressed: local.button.is_low(),
+            button_pressed: local.button.is_pressed(),
         };
-        let commands = core::iter::from_fn(|| local.commands.dequeue());
-        let tick = local.device.tick(&pins, timing, commands);
+        let vent = VENT.swap(false, Relaxed).then_some(VENTING);
+        let queued = core::iter::from_fn(|| local.commands.dequeue());
+        let tick = local
+            .device
+            .tick(&pins, timing, vent.into_iter().chain(queued));
         local.valve.set(tick.valve);
         ARMED.store(tick.armed, Relaxed);
         // Full only if the link has not had its turn for four ticks: the tick's number shows it.
@@ -169,6 +176,7 @@ mod app {
                 ToDevice::Identify => identify = true,
                 ToDevice::ReadSettings => link.send(&FromDevice::Settings(*local.settings)),
                 ToDevice::WriteSettings(values) => write_settings(link, local.store, values),
+                ToDevice::Command(VENTING) => VENT.store(true, Relaxed),
                 ToDevice::Command(command) => {
                     if local.to_tick.enqueue(command).is_err() {
                         link.messages_dropped = link.messages_dropped.saturating_add(1);

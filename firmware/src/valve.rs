@@ -1,7 +1,7 @@
 //! The servo valve's voltage: DAC channel 1.
 
+use crate::board::ValvePin;
 use model_core::signal::DacCount;
-use stm32f4xx_hal::gpio::{Analog, PA4};
 use stm32f4xx_hal::pac::DAC;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
@@ -10,7 +10,7 @@ pub struct Valve(DAC);
 
 impl Valve {
     /// Switches the output on, at zero volts.
-    pub fn new(dac: DAC, _pin: PA4<Analog>, rcc: &mut Rcc) -> Valve {
+    pub fn new(dac: DAC, _pin: ValvePin, rcc: &mut Rcc) -> Valve {
         DAC::enable(rcc);
         DAC::reset(rcc);
         // Without its buffer the output reaches zero volts.

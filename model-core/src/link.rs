@@ -96,6 +96,8 @@ pub struct Telemetry {
 pub enum Board {
     /// NUCLEO-F446RE.
     NucleoF446re,
+    /// A board with an STM32F405 or F407.
+    Stm32f407,
 }
 
 /// What answers, and how it fares.
