@@ -1,0 +1,93 @@
+//! The emulated board as a program: its serial link over stdin and stdout, in virtual time.
+//!
+//!     emulated-board FIRMWARE.elf
+//!
+//! `hil-sim/src/emulated.rs` says what goes over the pipes. The pins are at rest: no finger, no
+//! pressure, the encoder still.
+
+use emulated_board::{Board, pin};
+use std::io::{self, ErrorKind, Read, Write};
+use std::process::ExitCode;
+
+const LINK_BAUD: u32 = 921_600;
+/// How finely a frame's end is looked for: what the PC hears is late by at most as much.
+const STEP_US: u32 = 100;
+/// Inputs at rest, docs/wiring.md \[V\].
+const BRIDGE_V: f64 = 1.65;
+const PRESSURE_V: f64 = 0.33;
+
+/// Lets at most `time_us` pass, until a frame has ended; returns how much did, and what came.
+fn pass(board: &mut Board, time_us: u32) -> (u32, Vec<u8>) {
+    let mut received = Vec::new();
+    let mut passed_us = 0;
+    while passed_us < time_us && !received.contains(&0) {
+        let step_us = STEP_US.min(time_us - passed_us);
+        board.run_for(u64::from(step_us) * 1_000);
+        passed_us += step_us;
+        received.extend(board.link_receive().iter().map(|received| received.byte));
+    }
+    (passed_us, received)
+}
+
+/// What is new in the log, and mistakes that are new.
+fn text(board: &mut Board, errors_told: &mut usize) -> String {
+    let mut lines = board.logs();
+    let errors = board.errors().iter().skip(*errors_told);
+    lines.extend(errors.map(|error| format!("MISTAKE {}", error.text)));
+    *errors_told = board.errors().len();
+    lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+fn number(input: &mut impl Read) -> io::Result<u32> {
+    let mut bytes = [0; 4];
+    input.read_exact(&mut bytes)?;
+    Ok(u32::from_le_bytes(bytes))
+}
+
+fn serve(board: &mut Board, input: &mut impl Read, output: &mut impl Write) -> io::Result<()> {
+    let mut errors_told = 0;
+    loop {
+        let time_us = match number(input) {
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(()),
+            time_us => time_us?,
+        };
+        let len = number(input)?;
+        let mut bytes = Vec::new();
+        input.take(len.into()).read_to_end(&mut bytes)?;
+        board.link_send(&bytes);
+        let (passed_us, received) = pass(board, time_us);
+        let text = text(board, &mut errors_told);
+        output.write_all(&passed_us.to_le_bytes())?;
+        for field in [&received, text.as_bytes()] {
+            output.write_all(&(field.len() as u32).to_le_bytes())?;
+            output.write_all(field)?;
+        }
+        output.flush()?;
+    }
+}
+
+fn run(path: &std::ffi::OsStr) -> Result<(), String> {
+    let elf = std::fs::read(path).map_err(|error| format!("{path:?}: {error}"))?;
+    let mut board = Board::new(&elf).map_err(|error| format!("{path:?}: {error:?}"))?;
+    board.set_link_baud(LINK_BAUD);
+    board.set_level(pin('C', 13), Some(true));
+    board.set_analog(pin('C', 0), BRIDGE_V);
+    board.set_analog(pin('C', 1), PRESSURE_V);
+    let mut output = io::BufWriter::new(io::stdout().lock());
+    serve(&mut board, &mut io::stdin().lock(), &mut output).map_err(|error| error.to_string())
+}
+
+fn main() -> ExitCode {
+    let mut args = std::env::args_os().skip(1);
+    let (Some(path), None) = (args.next(), args.next()) else {
+        eprintln!("usage: emulated-board FIRMWARE.elf");
+        return ExitCode::from(2);
+    };
+    match run(&path) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("emulated-board: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}
