@@ -8,7 +8,8 @@ use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
 use crate::plant::simulation::{Initial, Simulation, SimulationError};
 use crate::plant::{Drive, Plant, Simulated};
-use crate::record::{self, Record};
+use crate::record::Record;
+use crate::recorder::{self, Row};
 use crate::rig::Rig;
 use model_core::assist::Assist;
 use model_core::frame::{Output, Request, Sensors};
@@ -223,7 +224,15 @@ fn sample(
 /// # Errors
 /// The rig asks for what no board may do; a section is missing.
 pub fn settings(rig: &Rig) -> Result<Settings, BadInput> {
-    let mut values = SettingsValues::reference();
+    settings_with(rig, &SettingsValues::reference())
+}
+
+/// As [`settings`], with the electronics and limits of `board`.
+///
+/// # Errors
+/// The rig asks for what no board may do; a section is missing.
+pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadInput> {
+    let mut values = *board;
     let (muscle, assist, valve) = (&rig.muscle, rig.require_assist()?, rig.require_valve()?);
     values.muscle = Muscle {
         alpha_m2: muscle.alpha_m2 as f32,
@@ -239,26 +248,79 @@ pub fn settings(rig: &Rig) -> Result<Settings, BadInput> {
         .map_err(|error| rig.bad("assist", &format!("a rig a board can run, {error}")))
 }
 
-/// Runs `experiment` on `rig`'s plant with the electronics of `settings` and a controller `tick`
-/// (model-core's, in whatever place it runs). The muscle begins vented, the weight on its stop.
+/// What ticks each 10 ms, in whatever place it runs.
+pub trait Ticker {
+    /// Why it may fail.
+    type Error: From<Error>;
+
+    /// One tick of the controller.
+    ///
+    /// # Errors
+    /// There is none any more.
+    fn tick(&mut self, sensors: &Sensors) -> Result<Output, Self::Error>;
+
+    /// Told of each tick, once it is known to its end.
+    ///
+    /// # Errors
+    /// It cannot go on.
+    fn seen(&mut self, tick: Tick) -> Result<(), Self::Error>;
+}
+
+/// A controller in this program.
+struct InProcess<F> {
+    tick: F,
+    ticks: Vec<Tick>,
+}
+
+impl<F: FnMut(&Sensors) -> Output> Ticker for InProcess<F> {
+    type Error = Error;
+
+    fn tick(&mut self, sensors: &Sensors) -> Result<Output, Error> {
+        Ok((self.tick)(sensors))
+    }
+
+    fn seen(&mut self, tick: Tick) -> Result<(), Error> {
+        self.ticks.push(tick);
+        Ok(())
+    }
+}
+
+/// Runs `experiment` on `rig`'s plant with the electronics of `settings` and a controller `tick`.
 ///
 /// # Errors
-/// The rig lacks a section; the plant has no solution.
+/// As [`run_with`].
 pub fn run(
     rig: &Rig,
     settings: &Settings,
     experiment: &Experiment,
-    mut tick: impl FnMut(&Sensors) -> Output,
+    tick: impl FnMut(&Sensors) -> Output,
 ) -> Result<Vec<Tick>, Error> {
-    let plant = Plant::new(
-        rig,
-        Simulated {
-            pressure: true,
-            motion: true,
-        },
-    )?;
+    let mut controller = InProcess {
+        tick,
+        ticks: Vec::new(),
+    };
+    run_with(rig, settings, experiment, &mut controller)?;
+    Ok(controller.ticks)
+}
+
+/// Runs `experiment` on `rig`'s plant with the electronics of `settings` and a controller in
+/// whatever place it runs. The muscle begins vented, the weight on its stop.
+///
+/// # Errors
+/// The rig lacks a section; the plant has no solution; the controller fails.
+pub fn run_with<T: Ticker>(
+    rig: &Rig,
+    settings: &Settings,
+    experiment: &Experiment,
+    controller: &mut T,
+) -> Result<(), T::Error> {
+    let simulated = Simulated {
+        pressure: true,
+        motion: true,
+    };
+    let plant = Plant::new(rig, simulated).map_err(Error::from)?;
     let hand = Hand {
-        assist: *rig.require_assist()?,
+        assist: *rig.require_assist().map_err(Error::from)?,
         initial_length_m: rig.muscle.initial_length_m,
         arm_stiffness_n_per_m: experiment.arm_stiffness_n_per_m,
     };
@@ -274,7 +336,6 @@ pub fn run(
     let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);
     let mut request = Request::None;
     let ticks = (experiment.duration_s / TICK_S).round() as usize;
-    let mut run = Vec::with_capacity(ticks);
     for number in 0..ticks {
         let time_s = number as f64 * TICK_S;
         let reading = simulation.read();
@@ -293,16 +354,15 @@ pub fn run(
             reading.contraction,
             request,
         );
-        let output = tick(&sensors);
+        let output = controller.tick(&sensors)?;
         // The person asks for assistance as soon as it is offered.
         request = if output.mode == Mode::Ready {
             Request::Assist
         } else {
             Request::None
         };
-        let valve_reference = settings.values().valve_drive.pressure(output.valve);
-        let valve_reference = GaugePa(valve_reference.0.into());
-        run.push(Tick {
+        let valve_reference = valve_reference(settings, &output);
+        controller.seen(Tick {
             time_s,
             finger_m,
             finger_force_n,
@@ -313,40 +373,47 @@ pub fn run(
             valve_reference,
             sensors,
             output,
-        });
-        simulation.advance(&drive, time_s + experiment.output_delay_s)?;
+        })?;
+        let mut advance = |drive: &Drive, time_s| {
+            let advanced = simulation.advance(drive, time_s);
+            advanced.map_err(Error::from)
+        };
+        advance(&drive, time_s + experiment.output_delay_s)?;
         drive.reference = valve_reference;
-        simulation.advance(&drive, (number + 1) as f64 * TICK_S)?;
+        advance(&drive, (number + 1) as f64 * TICK_S)?;
     }
-    Ok(run)
+    Ok(())
 }
 
-/// The record that a board would write of `run`: what was read and sent, with the force of the
-/// plant as a load cell would see it.
-pub fn record(run: &[Tick]) -> Record {
-    let mut record = Record::new(run.iter().map(|tick| tick.time_s).collect());
-    let mut set = |name: &str, value: fn(&Tick) -> f64| {
-        record.set(name, run.iter().map(value).collect());
-    };
-    set(record::PRESSURE_REF_PA, |tick| tick.valve_reference.0);
-    set(record::PRESSURE_PA, |tick| tick.output.pressure.0.into());
-    set(record::CONTRACTION, |tick| tick.output.contraction.into());
-    set(record::FORCE_N, |tick| tick.force_n);
-    set(record::FINGER_M, |tick| tick.finger_m);
-    set(record::INPUT_FORCE_N, |tick| {
-        tick.output.finger_force_n.into()
-    });
-    set("reference_force_n", |tick| {
-        tick.output.reference_force_n.into()
-    });
-    let modes = run.iter().map(|tick| format!("{:?}", tick.output.mode));
-    record.set_text("mode", modes.collect());
-    let faults = run.iter().map(|tick| match tick.output.fault {
-        None => String::new(),
-        Some(fault) => format!("{fault:?}"),
-    });
-    record.set_text("fault", faults.collect());
-    record
+/// The reference pressure at the valve's input that `output` stands for.
+pub fn valve_reference(settings: &Settings, output: &Output) -> GaugePa<f64> {
+    let pressure = settings.values().valve_drive.pressure(output.valve);
+    GaugePa(pressure.0.into())
+}
+
+impl Tick {
+    /// The tick as a record's row: what was read and sent, with the force of the plant as a load
+    /// cell would see it.
+    pub fn row(&self) -> Row {
+        Row {
+            time_s: self.time_s,
+            pressure_ref_pa: self.valve_reference.0,
+            sensors: self.sensors,
+            output: self.output,
+            plant: Some((self.force_n, self.finger_m)),
+            board: None,
+            begins_with: None,
+        }
+    }
+}
+
+/// The record of `run` with a controller that began with `settings`.
+pub fn record(settings: &Settings, run: &[Tick]) -> Record {
+    let mut rows: Vec<Row> = run.iter().map(Tick::row).collect();
+    if let Some(first) = rows.first_mut() {
+        first.begins_with = Some(*settings);
+    }
+    recorder::record(&rows)
 }
 
 /// How well F followed F_c, from the finger's first movement to the end.

@@ -10,6 +10,7 @@ use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
 use crate::rig::Rig;
 use model_core::controller::Controller;
 use model_core::pressure::GaugePa;
+use model_core::settings::Settings;
 use serde::Serialize;
 
 /// Flow gain of valve A, a nozzle flapper \[kg/(Pa·s)\] (§3.1).
@@ -82,6 +83,8 @@ pub struct AssistRun {
     pub name: String,
     /// The rig it ran on.
     pub rig: Rig,
+    /// The controller's settings.
+    pub settings: Settings,
     /// Its ticks.
     pub ticks: Vec<Tick>,
     /// How F followed F_c.
@@ -98,16 +101,60 @@ pub fn assist(name: &str, rig: &Rig, experiment: &Experiment) -> Result<AssistRu
     let ticks = closed_loop::run(rig, &settings, experiment, |sensors| {
         controller.tick(sensors)
     })?;
-    let start_s = match &experiment.finger {
-        Finger::Lift { start_s, .. } => *start_s,
-        Finger::Recorded { .. } => 0.0,
-    };
-    Ok(AssistRun {
-        name: name.into(),
-        rig: rig.clone(),
-        tracking: closed_loop::tracking(rig, &ticks, start_s)?,
-        ticks,
-    })
+    AssistRun::new(name, rig, settings, experiment, ticks)
+}
+
+impl AssistRun {
+    /// What came of `experiment`, run on `rig` with `settings`.
+    ///
+    /// # Errors
+    /// The rig has no weight.
+    pub fn new(
+        name: &str,
+        rig: &Rig,
+        settings: Settings,
+        experiment: &Experiment,
+        ticks: Vec<Tick>,
+    ) -> Result<AssistRun, Error> {
+        let start_s = match &experiment.finger {
+            Finger::Lift { start_s, .. } => *start_s,
+            Finger::Recorded { .. } => 0.0,
+        };
+        Ok(AssistRun {
+            name: name.into(),
+            rig: rig.clone(),
+            settings,
+            tracking: closed_loop::tracking(rig, &ticks, start_s)?,
+            ticks,
+        })
+    }
+
+    /// What followed, in words.
+    pub fn verdict(&self) -> String {
+        let lag = self.tracking.lag_s.map_or_else(
+            || "never rises with it".into(),
+            |lag_s| format!("lags by {:.0} ms", 1e3 * lag_s),
+        );
+        let (name, error_n) = (&self.name, self.tracking.error_n_rms);
+        format!("{name}: the force {lag}; RMS of F_c − F {error_n:.1} N.")
+    }
+}
+
+/// The rigs of the paper's two valves, with their names.
+///
+/// # Errors
+/// The rig has no valve to replace.
+pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
+    Ok([
+        (
+            "valve A",
+            with_flow_gain(rig, VALVE_A_FLOW_GAIN_KG_PER_PA_S)?,
+        ),
+        (
+            "valve B",
+            with_flow_gain(rig, VALVE_B_FLOW_GAIN_KG_PER_PA_S)?,
+        ),
+    ])
 }
 
 /// Both valves of the paper in `experiment` (Fig 8).
@@ -115,14 +162,11 @@ pub fn assist(name: &str, rig: &Rig, experiment: &Experiment) -> Result<AssistRu
 /// # Errors
 /// As [`assist`].
 pub fn both_valves(rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
-    let valves = [
-        ("valve A", VALVE_A_FLOW_GAIN_KG_PER_PA_S),
-        ("valve B", VALVE_B_FLOW_GAIN_KG_PER_PA_S),
-    ];
-    valves
+    let valves = valves(rig)?;
+    let runs = valves
         .iter()
-        .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, experiment))
-        .collect()
+        .map(|(name, rig)| assist(name, rig, experiment));
+    runs.collect()
 }
 
 fn milliseconds(lag_s: Option<f64>) -> String {

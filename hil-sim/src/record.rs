@@ -26,8 +26,40 @@ pub const SUPPLY_PA: &str = "supply_pa";
 /// Measured gas temperature \[K\].
 pub const TEMPERATURE_K: &str = "temperature_k";
 
+/// The board's tick, counted since its reset.
+pub const TICK: &str = "tick";
+/// Strain-gauge bridge as the controller read it \[ADC counts\].
+pub const BRIDGE_COUNT: &str = "bridge_count";
+/// Pressure sensor as the controller read it \[ADC counts\].
+pub const PRESSURE_COUNT: &str = "pressure_count";
+/// Encoder as the controller read it \[counts\].
+pub const ENCODER_COUNT: &str = "encoder_count";
+/// Ticks that did not happen before this one.
+pub const MISSED_TICKS: &str = "missed_ticks";
+/// What was asked for: text, see `model_core::frame::Request`.
+pub const REQUEST: &str = "request";
+/// What the controller sent to the valve \[DAC counts\].
+pub const VALVE_COUNT: &str = "valve_count";
+/// P_r before it was rounded to DAC counts \[Pa\].
+pub const EXACT_PRESSURE_REF_PA: &str = "exact_pressure_ref_pa";
+/// F_c of Eq 7 \[N\].
+pub const REFERENCE_FORCE_N: &str = "reference_force_n";
+/// The controller's mode: text.
+pub const MODE: &str = "mode";
+/// The latched fault: text, empty if none.
+pub const FAULT: &str = "fault";
+/// Where the sensors came from: text, `Pins` or `Link`.
+pub const SOURCE: &str = "source";
+/// How late the tick began \[CPU cycles\].
+pub const LATE_CYCLES: &str = "late_cycles";
+/// How long the tick before took \[CPU cycles\].
+pub const BUSY_CYCLES: &str = "busy_cycles";
+/// Not empty where the controller has begun anew: its settings as they are stored in flash, in
+/// hexadecimal digits.
+pub const SETTINGS: &str = "settings";
+
 /// The known columns and the range that their values can have on any rig of this kind.
-const KNOWN: [(&str, f64, f64); 9] = [
+const KNOWN: [(&str, f64, f64); 19] = [
     (TIME_S, -1e12, 1e12),
     (PRESSURE_REF_PA, -1e8, 1e8),
     (PRESSURE_PA, -1e8, 1e8),
@@ -37,7 +69,19 @@ const KNOWN: [(&str, f64, f64); 9] = [
     (INPUT_FORCE_N, -1e6, 1e6),
     (SUPPLY_PA, -1e8, 1e8),
     (TEMPERATURE_K, 1.0, 1e4),
+    (TICK, 0.0, U32_MAX),
+    (BRIDGE_COUNT, 0.0, 65_535.0),
+    (PRESSURE_COUNT, 0.0, 65_535.0),
+    (ENCODER_COUNT, 0.0, U32_MAX),
+    (MISSED_TICKS, 0.0, 255.0),
+    (VALVE_COUNT, 0.0, 4_095.0),
+    (EXACT_PRESSURE_REF_PA, -1e8, 1e8),
+    (REFERENCE_FORCE_N, -1e6, 1e6),
+    (LATE_CYCLES, 0.0, U32_MAX),
+    (BUSY_CYCLES, 0.0, U32_MAX),
 ];
+
+const U32_MAX: f64 = u32::MAX as f64;
 
 /// One column.
 #[derive(Clone, Debug, PartialEq)]
@@ -185,6 +229,26 @@ impl Record {
     /// The record lacks it.
     pub fn require(&self, name: &str) -> Result<&[f64], BadInput> {
         self.column(name)
+            .ok_or_else(|| self.bad(name, "this column, found none"))
+    }
+
+    /// An unknown column's words; `None` if the record lacks it.
+    pub fn text(&self, name: &str) -> Option<&[String]> {
+        self.columns
+            .iter()
+            .flatten()
+            .find_map(|(known, cells)| match cells {
+                Cells::Text(words) if known == name => Some(words.as_slice()),
+                _ => None,
+            })
+    }
+
+    /// As [`Record::text`].
+    ///
+    /// # Errors
+    /// The record lacks it.
+    pub fn require_text(&self, name: &str) -> Result<&[String], BadInput> {
+        self.text(name)
             .ok_or_else(|| self.bad(name, "this column, found none"))
     }
 

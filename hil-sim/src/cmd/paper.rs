@@ -18,7 +18,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let (report, summary, runs) = paper(&rig, &Experiment::PAPER)?;
     for run in &runs {
         let name = format!("{}.csv", run.name.replace(' ', "-"));
-        record(&run.ticks).write(&args.common.path(&name)?)?;
+        record(&run.settings, &run.ticks).write(&args.common.path(&name)?)?;
     }
     args.common.finish(&report, &summary)
 }

@@ -4,7 +4,7 @@ use super::Common;
 use crate::Failure;
 use hil_sim::closed_loop::{Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
-use hil_sim::paper::{assist, assist_plots, both_valves, tracking_table};
+use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
 use hil_sim::record::{FINGER_M, Record};
 use hil_sim::report::{Report, Section};
 use serde::Serialize;
@@ -22,6 +22,13 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    scenario: Scenario,
+}
+
+/// What the hand does, and what surrounds it.
+#[derive(clap::Args)]
+pub struct Scenario {
     /// A record whose column `finger_m` is the finger's path, instead of a scripted one
     #[arg(long, value_name = "REC.csv", conflicts_with_all = ["travel", "rise", "hold", "lower"])]
     finger: Option<PathBuf>,
@@ -52,11 +59,11 @@ pub struct Args {
     output_delay: f64,
     /// Seed of all noise
     #[arg(long, default_value_t = Experiment::PAPER.seed)]
-    seed: u64,
+    pub seed: u64,
 }
 
 /// Reads a number from `min` to `max`.
-fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+pub fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.parse() {
         Ok(value) if (min..=max).contains(&value) => Ok(value),
         _ => Err(format!("expected a number from {min} to {max}")),
@@ -76,8 +83,9 @@ struct RunSummary {
     record: String,
 }
 
-impl Args {
-    fn experiment(&self) -> Result<Experiment, BadInput> {
+impl Scenario {
+    /// The experiment that the arguments ask for.
+    pub fn experiment(&self) -> Result<Experiment, BadInput> {
         let start_s = 1.0;
         let (finger, ends_s) = match &self.finger {
             None => {
@@ -119,41 +127,28 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let common = &args.common;
     let rig = common.rig()?;
-    let experiment = args.experiment()?;
-    eprintln!("seed: {}", args.seed);
+    let experiment = args.scenario.experiment()?;
+    eprintln!("seed: {}", args.scenario.seed);
     let runs = match common.rig {
         None => both_valves(&rig, &experiment)?,
         Some(_) => vec![assist("assist", &rig, &experiment)?],
     };
     let mut summary = Summary {
-        seed: args.seed,
+        seed: args.scenario.seed,
         runs: Vec::new(),
     };
     for run in &runs {
         let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
-        record(&run.ticks).write(&path)?;
+        record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
             name: run.name.clone(),
             tracking: run.tracking,
             record: super::shown(&path),
         });
     }
-    let verdict = runs.iter().map(|run| {
-        let lag = run
-            .tracking
-            .lag_s
-            .map_or("never rises with it".into(), |lag_s| {
-                format!("lags by {:.0} ms", 1e3 * lag_s)
-            });
-        let error_n = run.tracking.error_n_rms;
-        format!(
-            "{}: the force {lag}; RMS of F_c − F {error_n:.1} N.",
-            run.name
-        )
-    });
     let report = Report {
         title: "The assist experiment".into(),
-        verdict: verdict.collect(),
+        verdict: runs.iter().map(AssistRun::verdict).collect(),
         sections: vec![Section {
             heading: "Runs".into(),
             text: vec![
