@@ -6,8 +6,9 @@ mod cmd;
 
 use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
+use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, paper};
+use hil_sim::{closed_loop, hil, paper, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -24,6 +25,7 @@ const EXAMPLES: &str = "\
 Examples:
   hil-sim                                          the paper, ours beside it
   hil-sim run --arm-stiffness 500 --seed 7         the assist experiment, other hands
+  hil-sim hil                                      the same with the firmware on an emulated board
   hil-sim rig new my-rig.toml                      a commented rig file to edit
   hil-sim design --rig my-rig.toml                 which valve must I buy?
   hil-sim simulate --rig my-rig.toml --drive measured.csv --out sim.csv";
@@ -32,6 +34,12 @@ Examples:
 enum Command {
     /// The assist experiment: a finger lifts and holds the weight through the muscle
     Run(cmd::run::Args),
+    /// The assist experiment with the controller on a board, real or emulated
+    Hil(cmd::hil::Args),
+    /// Record what a board tells of each tick
+    Record(cmd::record::Args),
+    /// Run a record's inputs through the controller again, and compare
+    Replay(cmd::replay::Args),
     /// The paper's figures and numbers, ours beside what it says
     Paper(cmd::paper::Args),
     /// The flow gain a valve must have, and how stiff the input may be
@@ -53,6 +61,27 @@ enum Failure {
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
     Paper(#[from] paper::Error),
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
+
+impl From<hil::Error> for Failure {
+    fn from(error: hil::Error) -> Failure {
+        match error {
+            hil::Error::Link(error) => error.into(),
+            hil::Error::ClosedLoop(error) => paper::Error::from(error).into(),
+            hil::Error::NotWritten(error) => error.into(),
+        }
+    }
+}
+
+impl From<replay::Error> for Failure {
+    fn from(error: replay::Error) -> Failure {
+        match error {
+            replay::Error::Input(error) => error.into(),
+            replay::Error::Link(error) => error.into(),
+        }
+    }
 }
 
 impl Failure {
@@ -72,6 +101,9 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         None => cmd::paper::run(&cmd::paper::Args::default()),
         Some(Command::Run(args)) => cmd::run::run(&args),
+        Some(Command::Hil(args)) => cmd::hil::run(&args),
+        Some(Command::Record(args)) => cmd::record::run(&args),
+        Some(Command::Replay(args)) => cmd::replay::run(&args),
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),

@@ -162,7 +162,9 @@ fn a_rig_file_is_not_overwritten() {
 fn help_completions_and_bad_arguments() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    for command in ["run", "paper", "design", "simulate", "rig"] {
+    for command in [
+        "run", "hil", "record", "replay", "paper", "design", "simulate", "rig",
+    ] {
         assert!(
             stdout(path, &[command, "--help"]).contains("hil-sim"),
             "{command}"
@@ -185,4 +187,63 @@ fn help_completions_and_bad_arguments() {
         assert_eq!(output.status.code(), Some(2), "{args:?}");
         assert!(!path.join("out").exists(), "nothing written: {args:?}");
     }
+}
+
+/// Runs it with nothing that could be found by chance; expects exit status 2 and one line.
+fn refused(folder: &Path, args: &[&str]) -> String {
+    let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder)
+        .env_remove("FIRMWARE")
+        .env_remove("EMULATED_BOARD")
+        .env_remove("CARGO_TARGET_DIR")
+        .args(args)
+        .output()
+        .expect("the command runs");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {message}");
+    assert_eq!(message.lines().count(), 1, "{args:?}: {message}");
+    message
+}
+
+#[test]
+fn a_missing_board_or_record_is_said_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    for args in [&["hil"][..], &["hil", "--emulated"]] {
+        assert!(refused(path, args).contains("cargo firmware"), "{args:?}");
+    }
+    for command in [
+        &["hil", "--port", "no-port"][..],
+        &["record", "--port", "no-port", "--out", "rec.csv"],
+    ] {
+        let message = refused(path, command);
+        assert!(
+            message.contains("no-port: expected a serial port"),
+            "{message}"
+        );
+    }
+    assert!(!path.join("rec.csv").exists() && !path.join("out").exists());
+    refused(path, &["replay", "nothing.csv"]);
+    refused(path, &["replay", "nothing.mcap"]);
+    std::fs::write(path.join("not.mcap"), "time_s").expect("written");
+    refused(path, &["replay", "not.mcap"]);
+}
+
+#[test]
+fn a_run_is_replayed_without_a_difference() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["run", "--duration", "3"]);
+    let result = json(path, &["replay", "out/valve-B.csv", "--json"]);
+    let result = &result["replay"];
+    assert_eq!(number(&result["compared_ticks"]), 300.0);
+    assert_eq!(number(&result["differing_ticks"]), 0.0);
+    assert!(stdout(path, &["replay", "out/valve-A.csv"]).contains("0 of 300 ticks differ."));
+    // Neither half a count nor a record without counts is for a board.
+    let record = std::fs::read_to_string(path.join("out/valve-B.csv")).expect("a record");
+    let half = record.replacen(",None,", ",Nothing,", 1);
+    std::fs::write(path.join("half.csv"), half).expect("written");
+    assert!(refused(path, &["replay", "half.csv"]).contains("half.csv:2: expected None"));
+    std::fs::write(path.join("bare.csv"), "time_s,pressure_pa\n0,1\n").expect("written");
+    assert!(refused(path, &["replay", "bare.csv"]).contains("bridge_count"));
 }

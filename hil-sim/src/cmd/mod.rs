@@ -1,8 +1,12 @@
 //! One file a command.
 
+pub mod board;
 pub mod completions;
 pub mod design;
+pub mod hil;
 pub mod paper;
+pub mod record;
+pub mod replay;
 pub mod rig;
 pub mod run;
 pub mod simulate;
@@ -44,6 +48,11 @@ impl Common {
         self.rig
             .as_deref()
             .map_or_else(|| Ok(Rig::reference()), Rig::read)
+    }
+
+    /// True without --rig.
+    fn is_reference(&self) -> bool {
+        self.rig.is_none()
     }
 
     /// The path of a result, its folder made.

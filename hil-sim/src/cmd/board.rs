@@ -1,0 +1,76 @@
+//! Which board a command talks to.
+
+use crate::Failure;
+use hil_sim::emulated::{self, Emulated};
+use hil_sim::error::BadInput;
+use hil_sim::link::{Client, LinkError, Port};
+use hil_sim::serial::Serial;
+use model_core::link::{Board, Identity};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+/// A board that has been silent for so long will not speak again.
+const GIVE_UP: Duration = Duration::from_secs(60);
+
+/// The way to a board.
+pub type Line = Client<Box<dyn Port + Send>>;
+
+/// A board, and who it says it is.
+pub struct Connected {
+    /// The way to it.
+    pub line: Line,
+    /// What it says.
+    pub identity: Identity,
+    /// The port's name.
+    pub port: String,
+    /// Set to end early.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// Connects to the real board at `port`, else to an emulated one.
+pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
+    let line: Box<dyn Port + Send> = match port {
+        Some(name) => Box::new(Serial::open(name)?),
+        None => {
+            let (program, elf) = emulated::find()?;
+            Box::new(Emulated::start(&program, &elf)?)
+        }
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let handler = Arc::clone(&stop);
+    // Without a handler an interrupt just ends the program.
+    let _ = ctrlc::set_handler(move || handler.store(true, Ordering::Relaxed));
+    let mut line = Client::new(line, GIVE_UP, Arc::clone(&stop));
+    let name = port.unwrap_or("the emulated board").to_string();
+    let identity = match line.identity() {
+        Err(LinkError::NoAnswer(waited_s)) => {
+            let why = format!("a board with this firmware, heard no answer for {waited_s:.0} s");
+            return Err(BadInput::file(name, why).into());
+        }
+        identity => identity?,
+    };
+    Ok(Connected {
+        line,
+        identity,
+        port: name,
+        stop,
+    })
+}
+
+/// The board in words.
+pub fn in_words(identity: &Identity) -> String {
+    let board = match identity.board {
+        Board::NucleoF446re => "NUCLEO-F446RE",
+        Board::Stm32f407 => "STM32F407",
+    };
+    let [major, minor, patch] = identity.firmware;
+    let mut words = format!("{board}, firmware {major}.{minor}.{patch}");
+    if identity.commit != 0 {
+        words += &format!(" ({:08x})", identity.commit);
+    }
+    if let Some(crash) = identity.crash {
+        words += &format!(", which has crashed before: {crash:?}");
+    }
+    words
+}

@@ -1,0 +1,271 @@
+//! `hil-sim hil`.
+
+use super::Common;
+use super::board::{Connected, connect, in_words};
+use super::run::Scenario;
+use crate::Failure;
+use hil_sim::closed_loop::{TICK_S, Tracking};
+use hil_sim::hil::{self, BoardReport, Job};
+use hil_sim::paper::{AssistRun, assist_plots, tracking_table, valves};
+use hil_sim::record::Record;
+use hil_sim::recorder::Recorder;
+use hil_sim::replay::{Inputs, OnPc, replay, settle};
+use hil_sim::report::{Report, Section, Table};
+use hil_sim::screen::{self, View};
+use serde::Serialize;
+use std::io::IsTerminal;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// The assist experiment with the controller on a board, the plant on this PC
+///
+/// The sensors' values go to the board over its serial link, and its valve's value comes back; its
+/// own valve output stays at 0 V. Without --port the firmware runs on an emulated board. Writes
+/// records as CSV and MCAP.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim hil                                   the firmware on an emulated board
+  hil-sim hil --port /dev/ttyACM0               on a real one
+  hil-sim hil --port COM3 --rig rig.toml --write-settings --travel 0.08
+
+The emulated board runs the ELF that FIRMWARE names, or that `cargo firmware` has built.")]
+pub struct Args {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    scenario: Scenario,
+    /// The board's serial port
+    #[arg(long, value_name = "PORT", conflicts_with = "emulated")]
+    port: Option<String>,
+    /// The emulated board, as without --port
+    #[arg(long)]
+    emulated: bool,
+    /// Store the rig's muscle, gain and supply on the board if it has others
+    #[arg(long)]
+    write_settings: bool,
+    /// No screen, only words
+    #[arg(long)]
+    no_screen: bool,
+    /// Do not slow the emulated board down to real time for the screen
+    #[arg(long)]
+    fast: bool,
+}
+
+#[derive(Serialize)]
+struct Summary {
+    seed: u64,
+    board: String,
+    runs: Vec<RunSummary>,
+}
+
+#[derive(Serialize)]
+struct RunSummary {
+    name: String,
+    tracking: Tracking,
+    record: String,
+    stopped: bool,
+    board: BoardReport,
+    /// Against the controller of this program.
+    differing_ticks: usize,
+}
+
+/// A run, and what is said of its board.
+struct Done {
+    run: AssistRun,
+    summary: RunSummary,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let rig = args.common.rig()?;
+    let experiment = args.scenario.experiment()?;
+    let rigs = match args.common.is_reference() {
+        true => Vec::from(valves(&rig)?),
+        false => vec![("assist", rig)],
+    };
+    let mut board = connect(args.port.as_deref())?;
+    let words = in_words(&board.identity);
+    eprintln!("seed: {}", args.scenario.seed);
+    eprintln!("board: {words}");
+    let may_write = args.write_settings || args.port.is_none();
+    let settings = settle(&mut board.line, &rigs[0].1, &board.port, may_write)?;
+    let with_screen = !args.no_screen && std::io::stderr().is_terminal();
+    let view = Mutex::new(View::new(&words, board.identity.cpu_hz));
+    let jobs: Vec<(&str, Job)> = rigs
+        .iter()
+        .map(|(name, rig)| {
+            let job = Job {
+                rig,
+                settings,
+                experiment: &experiment,
+                real_time: with_screen && !args.fast && args.port.is_none(),
+            };
+            (*name, job)
+        })
+        .collect();
+    let done = if with_screen {
+        on_screen(args, &mut board, &view, &jobs)?
+    } else {
+        all(args, &mut board, &view, &jobs, true)?
+    };
+    let _ = board.line.leave();
+    finish(args, words, done)
+}
+
+/// Runs all jobs while the screen shows them.
+fn on_screen(
+    args: &Args,
+    board: &mut Connected,
+    view: &Mutex<View>,
+    jobs: &[(&str, Job)],
+) -> Result<Vec<Done>, Failure> {
+    let ended = AtomicBool::new(false);
+    let stop = std::sync::Arc::clone(&board.stop);
+    let (done, shown) = std::thread::scope(|scope| {
+        let jobs = scope.spawn(|| {
+            let done = all(args, board, view, jobs, false);
+            ended.store(true, Ordering::Release);
+            done
+        });
+        let shown = screen::show(view, &stop, &ended);
+        (jobs.join(), shown)
+    });
+    if let Err(error) = shown {
+        eprintln!("no screen: {error}");
+    }
+    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+fn all(
+    args: &Args,
+    board: &mut Connected,
+    view: &Mutex<View>,
+    jobs: &[(&str, Job)],
+    with_words: bool,
+) -> Result<Vec<Done>, Failure> {
+    let mut done = Vec::new();
+    for (name, job) in jobs {
+        let one = one(args, board, view, name, job)?;
+        let stopped = one.summary.stopped;
+        if with_words {
+            let lines = view.lock().map(|mut view| view.take_log());
+            for line in lines.unwrap_or_default() {
+                eprintln!("{line}");
+            }
+            eprintln!("{}", one.run.verdict());
+        }
+        done.push(one);
+        if stopped {
+            break;
+        }
+    }
+    Ok(done)
+}
+
+fn one(
+    args: &Args,
+    board: &mut Connected,
+    view: &Mutex<View>,
+    name: &str,
+    job: &Job,
+) -> Result<Done, Failure> {
+    let path = args
+        .common
+        .path(&format!("{}.csv", name.replace(' ', "-")))?;
+    let recorder = Recorder::create(&path)?;
+    let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
+    // The record of what the board did, against the controller of this program.
+    let record = Record::read(&path)?;
+    let differing = replay(&Inputs::new(&record)?, &mut OnPc::default(), |_| {})?;
+    let planned = (job.experiment.duration_s / TICK_S).round() as usize;
+    let stopped = ticks.len() < planned;
+    let run = hil::assist_run(name, job, ticks)?;
+    let summary = RunSummary {
+        name: name.into(),
+        tracking: run.tracking,
+        record: super::shown(&path),
+        stopped,
+        board: report,
+        differing_ticks: differing.differing_ticks,
+    };
+    Ok(Done { run, summary })
+}
+
+fn verdict(done: &Done) -> String {
+    let (summary, report) = (&done.summary, &done.summary.board);
+    let mut words = done.run.verdict();
+    words += &format!(
+        " {} of {} ticks differ from the same controller on this PC",
+        summary.differing_ticks, report.ticks
+    );
+    if report.restarts > 0 {
+        let restarts = report.restarts;
+        words += &format!("; the board's controller has begun anew {restarts} times");
+    }
+    if summary.stopped {
+        words += "; it was stopped early";
+    }
+    words + "."
+}
+
+fn board_table(done: &[Done]) -> Table {
+    let row = |done: &Done| {
+        let report = &done.summary.board;
+        vec![
+            done.summary.name.clone(),
+            report.ticks.to_string(),
+            report.missed_ticks.to_string(),
+            report.late_cycles_max.to_string(),
+            report.busy_cycles_max.to_string(),
+            report.link.silent_ticks.to_string(),
+            report.link.telemetry_lost.to_string(),
+            report.link.frames_rejected.to_string(),
+            report.restarts.to_string(),
+        ]
+    };
+    Table {
+        caption: "How the board and the line fared; latest start and longest tick in CPU cycles"
+            .into(),
+        columns: [
+            "run",
+            "ticks",
+            "missed",
+            "late by",
+            "took",
+            "silent ticks",
+            "lost frames",
+            "bad frames",
+            "restarts",
+        ]
+        .map(String::from)
+        .into(),
+        rows: done.iter().map(row).collect(),
+    }
+}
+
+fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
+    let verdicts = done.iter().map(verdict).collect();
+    let tables = board_table(&done);
+    let (runs, summaries): (Vec<AssistRun>, Vec<RunSummary>) = done
+        .into_iter()
+        .map(|done| (done.run, done.summary))
+        .unzip();
+    let report = Report {
+        title: "The assist experiment, hardware in the loop".into(),
+        verdict: verdicts,
+        sections: vec![Section {
+            heading: "Runs".into(),
+            text: vec![format!("The controller ran on: {board}.")],
+            tables: vec![tracking_table(&runs), tables],
+            plots: assist_plots(&runs),
+        }],
+        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+    };
+    let summary = Summary {
+        seed: args.scenario.seed,
+        board,
+        runs: summaries,
+    };
+    args.common.finish(&report, &summary)
+}

@@ -1,0 +1,242 @@
+//! A board in memory: model-core's device behind the link, on a wire that may be bad.
+
+// Not every test uses all of it.
+#![allow(dead_code)]
+
+use hil_sim::link::{Port, PortError};
+use model_core::device::{Command, Device, Pins};
+use model_core::frame::{Request, Sensors};
+use model_core::link::{
+    Board, Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice,
+    Written, encode,
+};
+use model_core::settings::{Settings, SettingsValues};
+use model_core::signal::{AdcCount, EncoderCount};
+use model_core::timing::Timing;
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+const TICK: Duration = Duration::from_millis(10);
+const QUEUE: usize = 15;
+
+/// What happens to bytes, each with so many chances in 65 536.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Faults {
+    pub lost: u16,
+    pub flipped: u16,
+    pub repeated: u16,
+    pub exchanged: u16,
+    /// A whole piece comes twice.
+    pub echoed: u16,
+}
+
+/// Something that happens to the board before one of its ticks.
+#[derive(Clone, Copy, Debug)]
+pub enum Event {
+    /// The plug is out for so many ticks; the board runs on.
+    Unplugged(u32),
+    /// The board is reset.
+    Reset,
+}
+
+/// The board and the wire.
+#[derive(Debug)]
+pub struct DeviceBoard {
+    pub settings: SettingsValues,
+    pub faults: Faults,
+    /// Happen at ticks since the beginning, rising.
+    pub events: VecDeque<(u32, Event)>,
+    device: Device,
+    decoder: Decoder,
+    commands: VecDeque<Command>,
+    to_pc: Vec<u8>,
+    to_next_tick: Duration,
+    ticks: u32,
+    unplugged_until: u32,
+    random: u64,
+    frames_rejected: u32,
+}
+
+impl DeviceBoard {
+    pub fn new(seed: u64) -> DeviceBoard {
+        let settings = SettingsValues::reference();
+        DeviceBoard {
+            settings,
+            faults: Faults::default(),
+            events: VecDeque::new(),
+            device: Device::new(Settings::new(settings).unwrap()),
+            decoder: Decoder::new(),
+            commands: VecDeque::new(),
+            to_pc: Vec::new(),
+            to_next_tick: TICK,
+            ticks: 0,
+            unplugged_until: 0,
+            random: seed | 1,
+            frames_rejected: 0,
+        }
+    }
+
+    fn chance(&mut self, of_65536: u16) -> bool {
+        self.random ^= self.random << 13;
+        self.random ^= self.random >> 7;
+        self.random ^= self.random << 17;
+        (self.random >> 40) as u16 % u16::MAX < of_65536
+    }
+
+    fn over_the_wire(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let faults = self.faults;
+        let mut arrived = Vec::new();
+        if self.ticks < self.unplugged_until {
+            return arrived;
+        }
+        for byte in bytes {
+            if self.chance(faults.lost) {
+                continue;
+            }
+            let flip = u8::from(self.chance(faults.flipped)) << (self.random % 8);
+            arrived.push(byte ^ flip);
+            if self.chance(faults.repeated) {
+                arrived.push(byte ^ flip);
+            }
+            let len = arrived.len();
+            if len >= 2 && self.chance(faults.exchanged) {
+                arrived.swap(len - 1, len - 2);
+            }
+        }
+        if self.chance(faults.echoed) {
+            arrived.extend_from_within(..);
+        }
+        arrived
+    }
+
+    fn reset(&mut self) {
+        self.device = Device::new(Settings::new(self.settings).unwrap());
+        self.commands.clear();
+        self.decoder = Decoder::new();
+        self.tell_identity();
+    }
+
+    fn tell(&mut self, message: &impl Serialize) {
+        let mut buffer = [0; FRAME_LEN_MAX];
+        let frame = encode(message, &mut buffer).unwrap();
+        let arrived = self.over_the_wire(frame);
+        self.to_pc.extend(arrived);
+    }
+
+    fn tell_identity(&mut self) {
+        let identity = Identity {
+            firmware: [0, 1, 0],
+            commit: 0,
+            board: Board::NucleoF446re,
+            cpu_hz: 180_000_000,
+            reset: ResetCause::Pin,
+            crash: None,
+            settings: SettingsSource::Reference,
+            stack_free_bytes: 0,
+            frames_rejected: self.frames_rejected,
+            messages_dropped: 0,
+        };
+        self.tell(&FromDevice::Identity(identity));
+    }
+
+    fn hear(&mut self, message: ToDevice) {
+        match message {
+            ToDevice::Identify => self.tell_identity(),
+            ToDevice::ReadSettings => self.tell(&FromDevice::Settings(self.settings)),
+            ToDevice::Command(command) if self.commands.len() < QUEUE => {
+                self.commands.push_back(command);
+            }
+            ToDevice::Command(_) => {}
+            ToDevice::WriteSettings(values) => {
+                let written = match Settings::new(values) {
+                    Err(_) => Written::Invalid,
+                    Ok(_) if self.device.is_armed() => Written::Armed,
+                    Ok(_) => Written::Stored,
+                };
+                self.tell(&FromDevice::Written(written));
+                if written == Written::Stored {
+                    self.settings = values;
+                    self.reset();
+                }
+            }
+        }
+    }
+
+    /// One tick, and what it tells.
+    fn tick(&mut self) {
+        self.ticks += 1;
+        while self.events.front().is_some_and(|(at, _)| *at <= self.ticks) {
+            match self.events.pop_front().unwrap().1 {
+                Event::Unplugged(ticks) => self.unplugged_until = self.ticks + ticks,
+                Event::Reset => self.reset(),
+            }
+        }
+        let wobble = (self.ticks % 3) as u16;
+        let pins = Pins {
+            bridge: AdcCount(2047 + wobble),
+            pressure: AdcCount(409 + wobble),
+            ..Pins::default()
+        };
+        let commands = &mut self.commands;
+        let queued = std::iter::from_fn(|| commands.pop_front());
+        let tick = self.device.tick(&pins, Timing::default(), queued);
+        self.tell(&FromDevice::Telemetry(tick.telemetry));
+    }
+}
+
+impl Port for DeviceBoard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for byte in self.over_the_wire(bytes) {
+            match self.decoder.push(byte) {
+                Some(Ok(message)) => self.hear(message),
+                Some(Err(_)) => self.frames_rejected += 1,
+                None => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError> {
+        let mut passed = Duration::ZERO;
+        if self.to_pc.is_empty() {
+            passed = self.to_next_tick.min(wait);
+            self.to_next_tick -= passed;
+            if self.to_next_tick.is_zero() {
+                self.to_next_tick = TICK;
+                self.tick();
+            }
+        }
+        received.append(&mut self.to_pc);
+        Ok(passed)
+    }
+}
+
+/// Sensors that wander through everything the controller may do, faults included.
+pub fn wander(tick: u32) -> Sensors {
+    let noise = (tick.wrapping_mul(2_654_435_761) >> 30) as f64;
+    // At rest, then up and down.
+    let swing = ((f64::from(tick % 1_000) - 200.0) / 550.0).clamp(0.0, 1.0);
+    let lift = (swing * std::f64::consts::PI).sin().powi(2);
+    let request = match tick % 1_000 {
+        110 => Request::Assist,
+        600 => Request::Hold,
+        650 => Request::Assist,
+        800 => Request::Vent,
+        970 => Request::Reset,
+        _ => Request::None,
+    };
+    let broken = tick % 10_000 > 9_400 && tick % 10_000 < 9_420;
+    let pressure = if broken {
+        0.0
+    } else {
+        409.0 + 1_500.0 * lift + noise
+    };
+    Sensors {
+        bridge: AdcCount((2048.0 + 700.0 * lift + noise) as u16),
+        pressure: AdcCount(pressure as u16),
+        encoder: EncoderCount((4_000.0 * lift) as u32),
+        missed_ticks: 0,
+        request,
+    }
+}

@@ -1,0 +1,125 @@
+//! The firmware on the emulated board, through the command line.
+//!
+//! `FIRMWARE` names the firmware's ELF, `EMULATED_BOARD` the emulated board's program; without
+//! them each test says SKIPPED and proves nothing, or fails if CI_EMULATED is set.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::Command;
+
+fn is_there(test: &str) -> bool {
+    let named = ["FIRMWARE", "EMULATED_BOARD"].map(std::env::var_os);
+    let found = named
+        .iter()
+        .flatten()
+        .filter(|path| Path::new(path).is_file());
+    if found.count() == named.len() {
+        return true;
+    }
+    let text = format!("SKIPPED {test}: FIRMWARE or EMULATED_BOARD names no file\n");
+    assert!(std::env::var_os("CI_EMULATED").is_none(), "{text}");
+    // Past the test's captured output.
+    let _ = std::io::stderr().write_all(text.as_bytes());
+    false
+}
+
+fn json(folder: &Path, args: &[&str]) -> serde_json::Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder)
+        .args(args)
+        .output()
+        .expect("the command runs");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{args:?}: {message}");
+    assert!(!message.contains("MISTAKE"), "{message}");
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+#[test]
+fn experiments_with_the_firmware_equal_those_without() {
+    if !is_there("experiments_with_the_firmware_equal_those_without") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let there = json(folder.path(), &["hil", "--out", "hil", "--json"]);
+    let here = json(folder.path(), &["run", "--out", "run", "--json"]);
+    for run in 0..2 {
+        let (there, here) = (&there["runs"][run], &here["runs"][run]);
+        assert_eq!(there["tracking"], here["tracking"]);
+        assert_eq!(there["differing_ticks"], 0);
+        let board = &there["board"];
+        for count in ["missed_ticks", "restarts"] {
+            assert_eq!(board[count], 0, "{board}");
+        }
+        for count in [
+            "silent_ticks",
+            "telemetry_lost",
+            "frames_rejected",
+            "messages_repeated",
+        ] {
+            assert_eq!(board["link"][count], 0, "{board}");
+        }
+    }
+}
+
+#[test]
+fn other_settings_are_stored_and_replayed() {
+    if !is_there("other_settings_are_stored_and_replayed") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = include_str!("../src/reference_rig.toml");
+    let other = rig.replace("gain = 20.0", "gain = 14.0");
+    assert_ne!(rig, other);
+    std::fs::write(folder.path().join("rig.toml"), other).expect("written");
+    let run = ["hil", "--rig", "rig.toml", "--duration", "3", "--json"];
+    assert_eq!(json(folder.path(), &run)["runs"][0]["differing_ticks"], 0);
+    for record in ["out/assist.csv", "out/assist.mcap"] {
+        let result = json(folder.path(), &["replay", record, "--emulated", "--json"]);
+        let result = &result["replay"];
+        assert_eq!(
+            (&result["compared_ticks"], &result["differing_ticks"]),
+            (&300.into(), &0.into())
+        );
+    }
+}
+
+/// The long one: a thousand seconds recorded with the firmware, replayed on the PC.
+#[test]
+fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {
+    if !is_there("hundred_thousand_ticks_of_the_firmware_replay_on_the_pc") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(
+        folder.path().join("rig.toml"),
+        include_str!("../src/reference_rig.toml"),
+    )
+    .expect("written");
+    let finger: String = (0..=200)
+        .map(|n| format!("{},{}\n", 5 * n, 0.12 * f64::from(n % 2)))
+        .collect();
+    std::fs::write(
+        folder.path().join("finger.csv"),
+        format!("time_s,finger_m\n{finger}"),
+    )
+    .expect("written");
+    let run = [
+        "hil",
+        "--rig",
+        "rig.toml",
+        "--finger",
+        "finger.csv",
+        "--duration",
+        "1000",
+        "--json",
+    ];
+    let run = json(folder.path(), &run);
+    assert_eq!(run["runs"][0]["board"]["ticks"], 100_000);
+    let result = json(folder.path(), &["replay", "out/assist.csv", "--json"]);
+    let result = &result["replay"];
+    assert_eq!(
+        (&result["compared_ticks"], &result["differing_ticks"]),
+        (&100_000.into(), &0.into())
+    );
+}

@@ -1,0 +1,354 @@
+//! The PC's end of the link against a board in memory.
+
+mod board;
+
+use board::{DeviceBoard, Event, Faults, wander};
+use hil_sim::closed_loop::{self, Experiment};
+use hil_sim::hil::{self, Job};
+use hil_sim::link::{Client, LinkError, Port};
+use hil_sim::mcap;
+use hil_sim::record::Record;
+use hil_sim::recorder::{Recorder, Row, Timeline};
+use hil_sim::replay::{self, Inputs, OnBoard, OnPc, replay};
+use hil_sim::rig::Rig;
+use hil_sim::screen::View;
+use model_core::controller::Controller;
+use model_core::device::Command;
+use model_core::frame::{Request, Sensors};
+use model_core::link::{FromDevice, Telemetry, ToDevice, Written};
+use model_core::settings::{Settings, SettingsValues};
+use proptest::prelude::*;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::Mutex;
+use std::time::Duration;
+
+const GIVE_UP: Duration = Duration::from_secs(60);
+
+fn client<P: Port>(port: P) -> Client<P> {
+    Client::new(port, GIVE_UP, Arc::default())
+}
+
+fn reference() -> Settings {
+    Settings::new(SettingsValues::reference()).unwrap()
+}
+
+#[test]
+fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
+    let rig = Rig::reference();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.csv");
+    let experiment = Experiment {
+        duration_s: 4.0,
+        ..Experiment::PAPER
+    };
+    let mut client = client(DeviceBoard::new(1));
+    let settings = replay::settle(&mut client, &rig, "board", false).unwrap();
+    let job = Job {
+        rig: &rig,
+        settings,
+        experiment: &experiment,
+        real_time: false,
+    };
+    let recorder = Recorder::create(&path).unwrap();
+    let view = Mutex::new(View::default());
+    let (ticks, report) = hil::run(&mut client, "run", &job, recorder, &view).unwrap();
+    let mut controller = Controller::new(settings);
+    let here = closed_loop::run(&rig, &settings, &experiment, |s| controller.tick(s)).unwrap();
+    assert_eq!(ticks.len(), 400);
+    for (there, here) in ticks.iter().zip(&here) {
+        assert_eq!(there.output, here.output);
+        assert_eq!(there.force_n.to_bits(), here.force_n.to_bits());
+    }
+    assert_eq!(
+        (report.ticks, report.restarts, report.link.telemetry_lost),
+        (400, 0, 0)
+    );
+    assert!(
+        ticks.iter().any(|tick| tick.contraction > 0.1),
+        "the weight was lifted"
+    );
+    // What was streamed is what the run's record holds, but for the board's own columns.
+    let streamed = Record::read(&path).unwrap();
+    let whole = closed_loop::record(&settings, &here);
+    for column in [
+        "pressure_ref_pa",
+        "force_n",
+        "bridge_count",
+        "exact_pressure_ref_pa",
+    ] {
+        assert_eq!(streamed.column(column), whole.column(column), "{column}");
+    }
+    let again = replay(&Inputs::new(&whole).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
+    assert_eq!((again.compared_ticks, again.differing_ticks), (400, 0));
+}
+
+/// Runs `ticks` ticks of [`wander`] on `client`'s board and records them.
+fn record_wandering<P: Port>(client: &mut Client<P>, ticks: u32, path: &Path) {
+    let mut recorder = Recorder::create(path).unwrap();
+    client.begin_anew().unwrap();
+    for tick in 0..ticks {
+        let sensors = wander(tick);
+        let answer = client.exchange(&sensors).unwrap();
+        let begins = tick == 0 || answer.began_anew;
+        let told = answer.telemetry;
+        let row = Row {
+            time_s: f64::from(tick) * 0.01,
+            pressure_ref_pa: 0.0,
+            sensors,
+            output: answer.output,
+            plant: None,
+            board: told.map(|told| (told.tick, told.source, told.timing)),
+            begins_with: begins.then(reference),
+        };
+        recorder.push(&row).unwrap();
+    }
+    assert_eq!(recorder.finish().unwrap(), ticks as usize);
+}
+
+#[test]
+fn hundred_thousand_recorded_ticks_replay_without_a_difference() {
+    const TICKS: usize = 100_000;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.csv");
+    let mut client = client(DeviceBoard::new(2));
+    record_wandering(&mut client, TICKS as u32, &path);
+    let record = Record::read(&path).unwrap();
+    let faults = record.text("fault").unwrap();
+    assert!(
+        faults.iter().any(|fault| fault.starts_with("Pressure")),
+        "faults come up too"
+    );
+    let inputs = Inputs::new(&record).unwrap();
+    let mut on_board = OnBoard {
+        client: &mut client,
+        port: "board",
+        may_write_settings: false,
+    };
+    let there = replay(&inputs, &mut on_board, |_| {}).unwrap();
+    let here = replay(&inputs, &mut OnPc::default(), |_| {}).unwrap();
+    for result in [here, there] {
+        assert_eq!(
+            (result.compared_ticks, result.differing_ticks),
+            (TICKS, 0),
+            "{result:?}"
+        );
+    }
+    let record = mcap::read(&path.with_extension("mcap")).unwrap();
+    let inputs = Inputs::new(&record).unwrap();
+    let from_mcap = replay(&inputs, &mut OnPc::default(), |_| {}).unwrap();
+    assert_eq!(
+        (from_mcap.compared_ticks, from_mcap.differing_ticks),
+        (TICKS, 0)
+    );
+}
+
+#[test]
+fn a_changed_output_is_found_with_its_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 500, &path);
+    let mut record = Record::read(&path).unwrap();
+    let mut valve = record.column("valve_count").unwrap().to_vec();
+    valve[321] += 3.0;
+    valve[400] -= 7.0;
+    record.set("valve_count", valve);
+    let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
+    assert_eq!((result.compared_ticks, result.differing_ticks), (500, 2));
+    let first = result.first_divergence.clone().unwrap();
+    assert_eq!(
+        (first.row, first.column, first.difference),
+        (322, "valve_count", Some(-3.0))
+    );
+    assert_eq!(result.largest_differences, [("valve_count", 7.0)]);
+    assert!(
+        result.verdict().contains("row 322, 3.21 s, valve_count"),
+        "{}",
+        result.verdict()
+    );
+}
+
+/// MCAP as others read it: the crate's own reader, summary, schema, every message.
+#[test]
+fn mcap_is_what_viewers_expect() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 120, &path);
+    let bytes = std::fs::read(path.with_extension("mcap")).unwrap();
+    let summary = ::mcap::Summary::read(&bytes).unwrap().expect("a summary");
+    assert_eq!(summary.stats.expect("statistics").message_count, 120);
+    let mut messages = 0_u64;
+    for message in ::mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().expect("a schema");
+        assert_eq!(
+            (&*schema.encoding, &*message.channel.message_encoding),
+            ("jsonschema", "json")
+        );
+        let schema: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
+        let fields: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+        for (name, value) in fields.as_object().unwrap() {
+            let expected = if value.is_number() {
+                "number"
+            } else {
+                "string"
+            };
+            assert_eq!(schema["properties"][name]["type"], expected, "{name}");
+        }
+        assert_eq!(message.log_time, messages * 10_000_000);
+        messages += 1;
+    }
+    assert_eq!(messages, 120);
+}
+
+/// A record cut anywhere in its last block is read up to there.
+#[test]
+fn mcap_that_is_cut_off_is_read_as_far_as_it_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 500, &path);
+    let mcap_path = path.with_extension("mcap");
+    let bytes = std::fs::read(&mcap_path).unwrap();
+    let mut rows_before = 0;
+    for share in 2..10 {
+        std::fs::write(&mcap_path, &bytes[..bytes.len() * share / 10]).unwrap();
+        let rows = mcap::read(&mcap_path).unwrap().time_s().len();
+        assert!(rows >= rows_before, "{rows}");
+        rows_before = rows;
+    }
+    assert!(rows_before >= 300);
+}
+
+#[test]
+fn settings_are_stored_only_if_allowed() {
+    let rig = Rig::reference();
+    let mut client = client(DeviceBoard::new(1));
+    let other = SettingsValues {
+        gain: 12.5,
+        ..SettingsValues::reference()
+    };
+    client.write_settings(&other).unwrap();
+    assert_eq!(client.settings().unwrap(), other);
+    let refused = replay::settle(&mut client, &rig, "COM7", false).unwrap_err();
+    assert!(
+        refused.to_string().starts_with("COM7: expected"),
+        "{refused}"
+    );
+    let settled = replay::settle(&mut client, &rig, "COM7", true).unwrap();
+    assert_eq!(client.settings().unwrap(), *settled.values());
+    let invalid = SettingsValues {
+        gain: -1.0,
+        ..other
+    };
+    assert!(matches!(
+        client.write_settings(&invalid),
+        Err(LinkError::NotStored(_))
+    ));
+}
+
+#[test]
+fn an_armed_board_is_left_alone() {
+    let mut client = client(DeviceBoard::new(1));
+    for _ in 0..70 {
+        client.next(Duration::from_millis(20)).unwrap();
+    }
+    let assist = Command::Request(Request::Assist);
+    client.send(&ToDevice::Command(assist)).unwrap();
+    client.next(Duration::from_millis(20)).unwrap();
+    assert!(matches!(client.begin_anew(), Err(LinkError::Armed(_))));
+    let other = SettingsValues {
+        gain: 12.5,
+        ..SettingsValues::reference()
+    };
+    let stored = client.write_settings(&other);
+    assert!(matches!(stored, Err(LinkError::NotStored(Written::Armed))));
+}
+
+#[test]
+fn a_dead_line_is_given_up() {
+    let mut board = DeviceBoard::new(1);
+    board.events.push_back((20, Event::Unplugged(u32::MAX / 2)));
+    let mut client = client(board);
+    client.begin_anew().unwrap();
+    let error = (0..100).find_map(|tick| client.exchange(&wander(tick)).err());
+    assert!(matches!(error, Some(LinkError::NoAnswer(_))), "{error:?}");
+}
+
+/// Telemetry of a board on its pins, as `record` writes it, with gaps, a reset, and its own start.
+#[test]
+fn a_recorded_rig_is_replayed_from_each_known_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rig.csv");
+    let mut board = DeviceBoard::new(5);
+    board
+        .events
+        .extend([(300, Event::Unplugged(20)), (500, Event::Reset)]);
+    let mut client = client(board);
+    let mut recorder = Recorder::create(&path).unwrap();
+    let mut timeline = Timeline::new(reference(), Some(client.begin_anew().unwrap()));
+    client.send(&ToDevice::Command(Command::LeaveHil)).unwrap();
+    let mut told: Vec<Telemetry> = Vec::new();
+    while told.len() < 700 {
+        match client.next(Duration::from_millis(20)).unwrap() {
+            Some(FromDevice::Telemetry(telemetry)) => told.push(telemetry),
+            _ => continue,
+        }
+        if let Some(row) = timeline.row(&told[told.len() - 1], 0.0) {
+            recorder.push(&row).unwrap();
+        }
+    }
+    recorder.finish().unwrap();
+    let record = Record::read(&path).unwrap();
+    let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
+    assert_eq!((result.starts, result.differing_ticks), (2, 0));
+    // Up to the gap, and from the reset on.
+    let left_out = result.ticks - result.compared_ticks;
+    assert!((150..200).contains(&left_out), "{result:?}");
+}
+
+/// A line that damages what it carries, a plug that is pulled, a board that is reset.
+fn bad_board() -> impl Strategy<Value = DeviceBoard> {
+    let rate = 0..500_u16;
+    let faults = (rate.clone(), rate.clone(), rate.clone(), rate, 0..3_000_u16);
+    let event = prop_oneof![(1..120_u32).prop_map(Event::Unplugged), Just(Event::Reset)];
+    let events = prop::collection::vec((20..400_u32, event), 0..3);
+    (any::<u64>(), faults, events).prop_map(|(seed, faults, mut events)| {
+        let mut board = DeviceBoard::new(seed);
+        let (lost, flipped, repeated, exchanged, echoed) = faults;
+        board.faults = Faults {
+            lost,
+            flipped,
+            repeated,
+            exchanged,
+            echoed,
+        };
+        events.sort_by_key(|(at, _)| *at);
+        board.events = events.into();
+        board
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// Whatever the line does: each sensors message is read once, in order, its output is the one
+    /// that is reported, and where the controller has begun anew this is known. So a controller
+    /// here that is told the same decides the same.
+    #[test]
+    fn a_bad_line_makes_no_wrong_state(board in bad_board()) {
+        let mut client = client(board);
+        client.begin_anew().unwrap();
+        let mut here = Controller::new(reference());
+        for tick in 0..400 {
+            let sensors: Sensors = wander(tick + 60);
+            let answer = client.exchange(&sensors).unwrap();
+            if answer.began_anew {
+                here = Controller::new(reference());
+            }
+            prop_assert_eq!(answer.output, here.tick(&sensors), "tick {}", tick);
+            if let Some(told) = answer.telemetry {
+                prop_assert_eq!(told.sensors, sensors);
+            }
+        }
+    }
+}

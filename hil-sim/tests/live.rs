@@ -1,0 +1,224 @@
+//! The commands against a board at a serial port: a pseudo terminal with a board in memory behind
+//! it, in real time.
+#![cfg(unix)]
+
+mod board;
+
+use board::DeviceBoard;
+use hil_sim::link::Port;
+use hil_sim::mcap;
+use hil_sim::record::Record;
+use hil_sim::replay::{Inputs, OnPc, replay};
+use serialport::{SerialPort, TTYPort};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A board at the end of a link in the file system, which plays the port's name.
+struct Plugged {
+    path: PathBuf,
+    pull: Arc<AtomicBool>,
+    end: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// Held while a child could inherit a pseudo terminal, and so keep it plugged.
+static FORKING: Mutex<()> = Mutex::new(());
+
+/// A new pseudo terminal under the name `path`.
+fn plug(path: &Path) -> TTYPort {
+    let forking = FORKING.lock();
+    let (inheritable, theirs) = TTYPort::pair().expect("a pseudo terminal");
+    // The copy is closed in children.
+    let mut ours = inheritable.try_clone_native().unwrap();
+    let name = theirs.name().unwrap();
+    drop((inheritable, theirs, forking));
+    ours.set_timeout(Duration::from_millis(1)).unwrap();
+    let _ = std::fs::remove_file(path);
+    std::os::unix::fs::symlink(name, path).unwrap();
+    ours
+}
+
+fn serve(path: &Path, pull: &AtomicBool, end: &AtomicBool) {
+    let mut board = DeviceBoard::new(1);
+    let mut port = plug(path);
+    let begin = Instant::now();
+    let mut passed = Duration::ZERO;
+    let (mut heard, mut told) = ([0; 256], Vec::new());
+    while !end.load(Ordering::Relaxed) {
+        if pull.swap(false, Ordering::Relaxed) {
+            drop(port);
+            let _ = std::fs::remove_file(path);
+            // Longer than the board's patience.
+            while begin.elapsed() < passed + Duration::from_millis(800) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            port = plug(path);
+        }
+        // Fails while nobody has opened the port.
+        let count = port.read(&mut heard).unwrap_or(0);
+        std::thread::sleep(Duration::from_micros(500));
+        board.send(&heard[..count]).unwrap();
+        while passed < begin.elapsed() {
+            let step = Duration::from_millis(1);
+            passed += board.receive(&mut told, step).unwrap();
+        }
+        let _ = port.write_all(&told);
+        told.clear();
+    }
+}
+
+impl Plugged {
+    fn new(folder: &Path) -> Plugged {
+        let path = folder.join("tty");
+        let (pull, end) = <(Arc<AtomicBool>, Arc<AtomicBool>)>::default();
+        let for_thread = (path.clone(), Arc::clone(&pull), Arc::clone(&end));
+        let thread = std::thread::spawn(move || serve(&for_thread.0, &for_thread.1, &for_thread.2));
+        while !path.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Plugged {
+            path,
+            pull,
+            end,
+            thread: Some(thread),
+        }
+    }
+
+    fn name(&self) -> &str {
+        self.path.to_str().unwrap()
+    }
+}
+
+impl Drop for Plugged {
+    fn drop(&mut self) {
+        self.end.store(true, Ordering::Relaxed);
+        let ended = self.thread.take().map(JoinHandle::join);
+        assert!(std::thread::panicking() || matches!(ended, Some(Ok(()))));
+    }
+}
+
+fn start(folder: &Path, args: &[&str]) -> Child {
+    let _forking = FORKING.lock();
+    Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder)
+        .args(args)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the command starts")
+}
+
+fn succeeded(output: Output) -> (serde_json::Value, String) {
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{message}");
+    (
+        serde_json::from_slice(&output.stdout).expect("JSON"),
+        message,
+    )
+}
+
+#[test]
+fn a_recorder_that_is_killed_leaves_readable_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    let args = [
+        "record",
+        "--port",
+        board.name(),
+        "--out",
+        "rec.csv",
+        "--from-start",
+    ];
+    let mut recorder = start(folder.path(), &args);
+    std::thread::sleep(Duration::from_secs(3));
+    recorder.kill().unwrap();
+    recorder.wait().unwrap();
+    let csv = Record::read(&folder.path().join("rec.csv")).unwrap();
+    let mcap = mcap::read(&folder.path().join("rec.mcap")).unwrap();
+    for record in [csv, mcap] {
+        let ticks = record.time_s().len();
+        assert!((100..=300).contains(&ticks), "{ticks} of about 250");
+        let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
+        assert_eq!(
+            (result.compared_ticks, result.differing_ticks),
+            (ticks, 0),
+            "{result:?}"
+        );
+    }
+}
+
+#[test]
+fn the_plug_is_pulled_while_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    let args = [
+        "record",
+        "--port",
+        board.name(),
+        "--out",
+        "rec.csv",
+        "--duration",
+        "3",
+        "--json",
+    ];
+    let recorder = start(folder.path(), &args);
+    std::thread::sleep(Duration::from_millis(1_200));
+    board.pull.store(true, Ordering::Relaxed);
+    let (summary, message) = succeeded(recorder.wait_with_output().unwrap());
+    assert!(
+        message.contains("has gone") && message.contains("is back"),
+        "{message}"
+    );
+    let record = Record::read(&folder.path().join("rec.csv")).unwrap();
+    assert_eq!(summary["ticks"], record.time_s().len());
+    let lost = summary["link"]["telemetry_lost"].as_u64().unwrap();
+    assert!((60..120).contains(&lost), "{lost} ticks in 0.8 s");
+    let gaps = record
+        .time_s()
+        .windows(2)
+        .filter(|pair| pair[1] - pair[0] > 0.5);
+    assert_eq!(gaps.count(), 1);
+}
+
+#[test]
+fn the_plug_is_pulled_with_hardware_in_the_loop() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    std::fs::write(
+        folder.path().join("rig.toml"),
+        include_str!("../src/reference_rig.toml"),
+    )
+    .unwrap();
+    let args = [
+        "hil",
+        "--port",
+        board.name(),
+        "--rig",
+        "rig.toml",
+        "--duration",
+        "3",
+        "--json",
+    ];
+    let experiment = start(folder.path(), &args);
+    std::thread::sleep(Duration::from_millis(1_500));
+    board.pull.store(true, Ordering::Relaxed);
+    let (summary, _) = succeeded(experiment.wait_with_output().unwrap());
+    let run = &summary["runs"][0];
+    assert_eq!(
+        (&run["board"]["ticks"], &run["board"]["restarts"]),
+        (&300.into(), &1.into())
+    );
+    assert_eq!(
+        (&run["differing_ticks"], &run["stopped"]),
+        (&0.into(), &false.into())
+    );
+    let args = ["replay", "out/assist.csv", "--port", board.name(), "--json"];
+    let (summary, _) = succeeded(start(folder.path(), &args).wait_with_output().unwrap());
+    assert_eq!(summary["replay"]["compared_ticks"], 300);
+    assert_eq!(summary["replay"]["differing_ticks"], 0);
+}
