@@ -62,14 +62,19 @@ fn simulate(program: &Path, rig: &Path, drive: &Path, limit: Duration) -> Result
     let mut command = Command::new(program);
     command.arg("simulate").arg("--rig").arg(rig);
     command.arg("--drive").arg(drive).arg("--out").arg(&out);
+    let errors = folder.path().join("stderr.txt");
+    let file = std::fs::File::create(&errors).map_err(|error| error.to_string())?;
     command
         .stdin(Stdio::null())
         .stdout(Stdio::null())
-        .stderr(Stdio::null());
+        .stderr(file);
     let ended = child::run(&mut command, limit).map_err(|error| error.to_string())?;
     let rig = rig.file_name().unwrap_or_default().to_string_lossy();
     match ended.fault() {
-        Some(fault) => Err(format!("simulate with {rig}: {fault}")),
+        Some(fault) => {
+            let said = std::fs::read_to_string(&errors).unwrap_or_default();
+            Err(format!("simulate with {rig}: {fault}: {}", said.trim()))
+        }
         None => Record::read(&out).map_err(|error| format!("simulate with {rig}: {error}")),
     }
 }

@@ -51,6 +51,7 @@ pub mod outcome;
 pub mod report;
 pub mod run;
 pub mod scored;
+pub mod shared;
 pub mod shuffled;
 pub mod statistics;
 #[cfg(test)]

@@ -105,7 +105,11 @@ fn besides(figures: &Figures) -> Table {
             "right names, yet verdict unexplained",
             figures.right_with_remainder,
         ),
-        ("standard parameters not given", figures.parameters_missing),
+        (
+            "fitted in the true form, where the tool has it",
+            figures.forms_shared,
+        ),
+        ("parameters not given", figures.parameters_missing),
     ];
     let rows = rows.map(|(name, value)| vec![name.into(), rate(value)]);
     table("Besides", &["figure", "all"], rows.into())
@@ -373,7 +377,7 @@ fn parameters(score: &Score) -> Table {
             missing.to_string(),
         ]
     };
-    let caption = "Parameters of rightly named effects that mean the same in truth and diagnosis";
+    let caption = "Parameters of rightly named effects that were fitted in their true form";
     let columns = [
         "parameter",
         "truth inside ci95",

@@ -7,10 +7,12 @@ use crate::answer::{Answer, Kind};
 use crate::child::{self, Ended};
 use crate::diagnosis::Diagnosis;
 use crate::gap::{self, Gaps};
+use crate::shared::forms;
 use hil_sim::output::{NotWritten, write_atomically};
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -137,6 +139,8 @@ pub struct Collected {
     pub run: Run,
     /// The diagnosis, or what is wrong with it.
     pub diagnosis: Result<Diagnosis, String>,
+    /// The form of each effect in the fitted rig, where it names one.
+    pub forms: BTreeMap<String, String>,
 }
 
 fn read_json<T: for<'a> Deserialize<'a>>(path: &Path) -> Result<T, Error> {
@@ -262,16 +266,20 @@ impl Folder {
         let run: Run = read_json(&self.0.join("run.json"))?;
         let answer: Answer = read_json(&self.0.join("answer.json"))?;
         let diagnosis = self.diagnosis(&run, &answer);
+        let rig_toml = fs::read_to_string(self.0.join("out/rig.fitted.toml"));
         Ok(Collected {
             answer,
             run,
             diagnosis,
+            forms: forms(&rig_toml.unwrap_or_default()),
         })
     }
 
     fn diagnosis(&self, run: &Run, answer: &Answer) -> Result<Diagnosis, String> {
         if let Some(fault) = run.ended.fault() {
-            return Err(format!("{fault}: {}", run.last_words));
+            return Err(format!("{fault}: {}", run.last_words)
+                .trim_end_matches(": ")
+                .into());
         }
         let out = self.0.join("out");
         let text = fs::read_to_string(out.join("diagnosis.json"))

@@ -5,6 +5,7 @@ use crate::diagnosis::{Diagnosis, Verdict};
 use crate::gap::Gaps;
 use crate::outcome::{Outcome, column, outcome};
 use crate::run::Collected;
+use crate::shared::Shared;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -13,7 +14,7 @@ use std::collections::BTreeMap;
 pub struct ParameterScore {
     /// The effect.
     pub effect: String,
-    /// The parameter.
+    /// The parameter, under the tool's name.
     pub parameter: String,
     /// Its true value.
     pub truth: f64,
@@ -62,7 +63,9 @@ pub struct Scored {
     pub noise_ratio: BTreeMap<String, f64>,
     /// Why gaps could not be measured.
     pub gap_fault: Option<String>,
-    /// Parameters of rightly named effects.
+    /// Each rightly named effect whose true form the tool has: fitted in that form.
+    pub forms_shared: Vec<bool>,
+    /// Parameters of those that are.
     pub parameters: Vec<ParameterScore>,
     /// Time the diagnosis took \[s\].
     pub wall_s: f64,
@@ -72,18 +75,21 @@ pub struct Scored {
     pub peak_memory_bytes: u64,
 }
 
-/// Standard parameters of `hidden` as the diagnosis has them; nothing if it does not name it.
-fn parameters(hidden: &Hidden, diagnosis: &Diagnosis) -> Vec<ParameterScore> {
-    let Some(named) = diagnosis.effects.iter().find(|e| e.name == hidden.name) else {
-        return Vec::new();
+/// Parameters of `hidden` that mean the same in truth and diagnosis.
+fn parameters(hidden: &Hidden, shared: &Shared, diagnosis: &Diagnosis) -> Vec<ParameterScore> {
+    let named = diagnosis.effects.iter().find(|e| e.name == hidden.name);
+    let estimate = |name| {
+        let parameter = named?.parameters.get(name)?;
+        Some((parameter.value, parameter.ci95))
     };
-    let score = |(parameter, truth): (&String, &f64)| ParameterScore {
+    let score = |(parameter, truth): (&'static str, f64)| ParameterScore {
         effect: hidden.name.clone(),
-        parameter: parameter.clone(),
-        truth: *truth,
-        estimate: named.parameters.get(parameter).map(|p| (p.value, p.ci95)),
+        parameter: parameter.into(),
+        truth,
+        estimate: estimate(parameter),
     };
-    hidden.standard.iter().map(score).collect()
+    let values = shared.values(&hidden.standard);
+    values.into_iter().map(score).collect()
 }
 
 fn claimed(diagnosis: &Diagnosis) -> Gaps {
@@ -119,6 +125,21 @@ impl Scored {
             Some((signal.clone(), claimed / noise))
         };
         let right = diagnosis.filter(|_| outcome == Outcome::Right);
+        let shared: Vec<(&Hidden, &Shared, bool)> = answer
+            .effects
+            .iter()
+            .filter(|_| right.is_some())
+            .filter_map(|hidden| Some((hidden, Shared::find(&hidden.name, &hidden.form)?)))
+            .map(|(hidden, shared)| {
+                let form = case.forms.get(&hidden.name).map(String::as_str);
+                (hidden, shared, shared.is_form(form))
+            })
+            .collect();
+        let same = shared.iter().filter(|(_, _, same)| *same);
+        let parameters = same
+            .flat_map(|(hidden, shared, _)| right.map(|d| parameters(hidden, shared, d)))
+            .flatten()
+            .collect();
         let effects = diagnosis.map(|d| d.effects.as_slice()).unwrap_or_default();
         let difference = |d| validation.map(|gaps| gaps.largest_difference(&claimed(d)));
         Scored {
@@ -145,13 +166,8 @@ impl Scored {
                 .and(run.unseen.as_ref())
                 .err()
                 .cloned(),
-            parameters: right.map_or_else(Vec::new, |d| {
-                answer
-                    .effects
-                    .iter()
-                    .flat_map(|hidden| parameters(hidden, d))
-                    .collect()
-            }),
+            forms_shared: shared.iter().map(|(_, _, same)| *same).collect(),
+            parameters,
             wall_s: run.ended.wall_s,
             cpu_s: run.ended.cpu_s,
             peak_memory_bytes: run.ended.peak_memory_bytes,

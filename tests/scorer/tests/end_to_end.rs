@@ -85,7 +85,7 @@ fn a_run_is_scored_goes_on_where_it_was_and_can_be_repeated() {
         "--count",
         "5",
         "--time-limit-s",
-        "2",
+        "4",
         "--check",
     ];
     let output = bench.score(&all);
