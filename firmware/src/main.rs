@@ -36,6 +36,7 @@ mod app {
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
     use model_core::device::{Command, Device, Pins};
+    use model_core::frame::Request;
     use model_core::link::{FromDevice, Identity, Telemetry, ToDevice, Written};
     use model_core::settings::{Settings, SettingsValues};
     use model_core::supervisor::{Fault, Mode};
@@ -44,8 +45,12 @@ mod app {
     use stm32f4xx_hal::pac::TIM3;
     use stm32f4xx_hal::timer::{CounterUs, Flag};
 
+    /// Told to the tick: venting is asked for. Not queued, so that nothing can crowd it out.
+    static VENT: AtomicBool = AtomicBool::new(false);
     /// Told by the tick: settings must not change.
     static ARMED: AtomicBool = AtomicBool::new(false);
+
+    const VENTING: Command = Command::Request(Request::Vent);
 
     /// What is logged.
     type Change = (Mode, Option<Fault>);
@@ -138,8 +143,11 @@ mod app {
             encoder: local.encoder.read(),
             button_pressed: local.button.is_pressed(),
         };
-        let commands = core::iter::from_fn(|| local.commands.dequeue());
-        let tick = local.device.tick(&pins, timing, commands);
+        let vent = VENT.swap(false, Relaxed).then_some(VENTING);
+        let queued = core::iter::from_fn(|| local.commands.dequeue());
+        let tick = local
+            .device
+            .tick(&pins, timing, vent.into_iter().chain(queued));
         local.valve.set(tick.valve);
         ARMED.store(tick.armed, Relaxed);
         // Full only if the link has not had its turn for four ticks: the tick's number shows it.
@@ -156,7 +164,7 @@ mod app {
         local.link_timer.clear_flags(Flag::Update);
         let mut identify = !core::mem::replace(local.greeted, true);
         while let Some(telemetry) = local.telemetries.dequeue() {
-            link.send(&FromDevice::Telemetry(telemetry));
+            link.send(telemetry);
             let change = (telemetry.output.mode, telemetry.output.fault);
             if core::mem::replace(local.last_change, change) != change {
                 // What is not logged is in the telemetry.
@@ -166,8 +174,9 @@ mod app {
         while let Some(message) = link.receive() {
             match message {
                 ToDevice::Identify => identify = true,
-                ToDevice::ReadSettings => link.send(&FromDevice::Settings(*local.settings)),
+                ToDevice::ReadSettings => link.answer(&FromDevice::Settings(*local.settings)),
                 ToDevice::WriteSettings(values) => write_settings(link, local.store, values),
+                ToDevice::Command(VENTING) => VENT.store(true, Relaxed),
                 ToDevice::Command(command) => {
                     if local.to_tick.enqueue(command).is_err() {
                         link.messages_dropped = link.messages_dropped.saturating_add(1);
@@ -179,7 +188,7 @@ mod app {
             local.identity.stack_free_bytes = crash::stack_free_bytes();
             local.identity.frames_rejected = link.frames_rejected;
             local.identity.messages_dropped = link.messages_dropped;
-            link.send(&FromDevice::Identity(*local.identity));
+            link.answer(&FromDevice::Identity(*local.identity));
         }
         link.pump();
     }
@@ -188,17 +197,17 @@ mod app {
     /// none can change under a tick.
     fn write_settings(link: &mut Link, store: &mut Store, values: SettingsValues) {
         let Ok(settings) = Settings::new(values) else {
-            return link.send(&FromDevice::Written(Written::Invalid));
+            return link.answer(&FromDevice::Written(Written::Invalid));
         };
         cortex_m::interrupt::free(|_| {
             // With the ticks masked this cannot change any more.
             if ARMED.load(Relaxed) {
-                return link.send(&FromDevice::Written(Written::Armed));
+                return link.answer(&FromDevice::Written(Written::Armed));
             }
             valve::make_safe();
             watchdog::expect_no_ticks();
             let stored = store.store(&settings);
-            link.send(&FromDevice::Written(if stored {
+            link.answer(&FromDevice::Written(if stored {
                 Written::Stored
             } else {
                 Written::FlashFailed

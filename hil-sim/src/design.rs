@@ -43,8 +43,8 @@ pub struct Linearisation {
     pub flow_gain_needed_kg_per_pa_s: f64,
 }
 
-/// Contraction at which a muscle under `pressure` carries `mass_kg` \[-\], Eq 1 solved for ε; `None`
-/// where it lifts nothing (ε < 0) or pulls past full contraction.
+/// Contraction at which a muscle under `pressure` carries `mass_kg` \[-\], Eq 1 solved for ε;
+/// `None` where it lifts nothing (ε < 0) or pulls past full contraction.
 pub fn equilibrium(muscle: &Muscle<f64>, pressure: GaugePa<f64>, mass_kg: f64) -> Option<f64> {
     let force_n = mass_kg * GRAVITY_M_PER_S2;
     let squared = ((force_n - muscle.gamma_n) / pressure.0 - muscle.beta_m2) / muscle.alpha_m2;
@@ -213,8 +213,8 @@ fn spectral_radius(
     poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max)
 }
 
-/// The stiffest input K_s \[N/m\] with which the sampled loop is stable at the equilibrium, to 0.1 %;
-/// `None` if it is at any K_s up to 10⁵ N/m.
+/// The stiffest input K_s \[N/m\] with which the sampled loop is stable at the equilibrium, to
+/// 0.1 %; `None` if it is at any K_s up to 10⁵ N/m.
 ///
 /// # Errors
 /// As [`linearise`].

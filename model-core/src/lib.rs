@@ -38,6 +38,7 @@ pub mod reference;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
+pub mod store;
 pub mod supervisor;
 pub mod timing;
 pub mod valve;

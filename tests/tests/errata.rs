@@ -10,7 +10,7 @@ use hil_sim::plant::load::GRAVITY_M_PER_S2;
 use hil_sim::plant::simulation::{Initial, Simulation};
 use hil_sim::plant::{Drive, PRESSURE, Plant, Simulated};
 use hil_sim::rig::{Load, Rig, Weight};
-use model_core::assist::Assist;
+use model_core::assist::{Assist, reference_force_n};
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues, TICK_S};
@@ -215,7 +215,7 @@ fn finger_holds_a_twentieth_of_the_weight() {
     let assist = rig.require_assist().expect("the reference rig assists");
     let weight_n = MASS_KG * GRAVITY_M_PER_S2;
     // 117.68 N / 20, to rounding.
-    assert!((assist.reference_force_n(5.88399) - weight_n).abs() < 1e-9);
+    assert!((reference_force_n(assist.gain, 5.88399) - weight_n).abs() < 1e-9);
     // "F_b is 20 times larger than F_c" would take 2.4 kN at the finger.
     assert!(assist.gain * weight_n > 2000.0);
 }

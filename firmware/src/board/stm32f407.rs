@@ -1,5 +1,5 @@
-//! A board with an STM32F405 or F407, an 8 MHz crystal, and the NUCLEO-F446RE's signals on the same
-//! pins; the link needs a serial adapter of 3.3 V. Compiled, never run: measure before you trust it.
+//! A board with an STM32F405 or F407, an 8 MHz crystal, and the NUCLEO-F446RE's signals on the
+//! same pins; the link needs a serial adapter of 3.3 V. Compiled, never run: measure first.
 
 use model_core::link::Board;
 use stm32f4xx_hal::gpio::{Alternate, Analog, Input, PA0, PA1, PA2, PA3, PA4, PC0, PC1, PC13};

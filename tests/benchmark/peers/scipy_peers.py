@@ -200,13 +200,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("case_folder", type=Path)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     arguments = parser.parse_args()
     folder = arguments.case_folder
     plant = Plant(tomllib.loads((folder / "rig.toml").read_text()))
     expected = read_columns(folder / "expected.csv")
     drive = read_columns(folder / "drive.csv")
     case = {**expected, "pressure_ref_pa": drive["pressure_ref_pa"]}
-    for method in METHODS:
+    for method in arguments.methods:
         for tolerance in TOLERANCES:
             seconds = []
             for _ in range(arguments.repeats):

@@ -1,0 +1,292 @@
+//! Where settings lie in flash, so that a power cut at any moment leaves the old or the new ones.
+//!
+//! Two sectors are divided into slots. Each write goes to the next empty slot, with a number one
+//! higher; when a sector is full, the other one is erased and goes on. The valid slot of the
+//! highest number counts, wherever it lies. So nothing depends on what a cut leaves behind, in a
+//! slot or in a sector: it is not valid, or its number is lower, and the newest settings are never
+//! erased.
+//!
+//! ```text
+//! slot: mark │ length u16 │ number u32 │ settings as encoded │ CRC-32 of all that │ 0xFF …
+//! ```
+
+use crate::error::SettingsError;
+use crate::settings::{ENCODED_LEN_MAX, Settings};
+use crc::{CRC_32_ISO_HDLC, Crc};
+
+/// Bytes of a slot.
+pub const SLOT_LEN: usize = 512;
+
+const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CHECKSUM_LEN: usize = 4;
+/// Torn flash tends to 0x00 and 0xFF, and the CRC-32 of FF FF FF FF 00 00 is FF FF FF FF.
+const MARK: [u8; 2] = [0x5E, 0x77];
+const HEADER_LEN: usize = MARK.len() + 2 + 4;
+const BLANK: u8 = 0xFF;
+
+const _: () = assert!(HEADER_LEN + ENCODED_LEN_MAX + CHECKSUM_LEN <= SLOT_LEN);
+
+/// A valid slot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Found<'a> {
+    number: u32,
+    sector: usize,
+    slot: usize,
+    encoded: &'a [u8],
+}
+
+/// What is to be done to the flash, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Write {
+    /// The sector, 0 or 1.
+    pub sector: usize,
+    /// It must be erased first.
+    pub erase: bool,
+    /// Where in the sector the slot begins.
+    pub offset: usize,
+    /// The slot's first bytes; the rest stays blank.
+    bytes: [u8; SLOT_LEN],
+    len: usize,
+}
+
+impl Write {
+    /// The bytes to be programmed.
+    pub fn bytes(&self) -> &[u8] {
+        self.bytes.get(..self.len).unwrap_or_default()
+    }
+}
+
+/// The settings in the two `sectors`; none if none were ever stored.
+///
+/// # Errors
+/// The newest ones are of another version or are not valid any more.
+pub fn load(sectors: [&[u8]; 2]) -> Result<Option<Settings>, SettingsError> {
+    newest(sectors)
+        .map(|found| Settings::decode(found.encoded))
+        .transpose()
+}
+
+/// How `settings` are to be added to the two `sectors`.
+///
+/// # Errors
+/// None that can happen: settings fit into a slot.
+pub fn store(sectors: [&[u8]; 2], settings: &Settings) -> Result<Write, SettingsError> {
+    let newest = newest(sectors);
+    let (sector, from) = newest.map_or((0, 0), |found| (found.sector, found.slot + 1));
+    let content = if sector == 0 { sectors[0] } else { sectors[1] };
+    let is_blank = |slot: &[u8]| slot.iter().all(|byte| *byte == BLANK);
+    let mut slots = content.chunks_exact(SLOT_LEN).enumerate().skip(from);
+    let (sector, erase, slot) = match (slots.find(|(_, slot)| is_blank(slot)), newest) {
+        (Some((slot, _)), _) => (sector, false, slot),
+        (None, None) => (0, true, 0),
+        (None, Some(_)) => (1 - sector, true, 0),
+    };
+    let mut write = Write {
+        sector,
+        erase,
+        offset: slot * SLOT_LEN,
+        bytes: [BLANK; SLOT_LEN],
+        len: 0,
+    };
+    let number = newest.map_or(0, |found| found.number.wrapping_add(1));
+    write.len = fill(&mut write.bytes, number, settings)?;
+    Ok(write)
+}
+
+/// Writes a slot's bytes; returns how many.
+fn fill(slot: &mut [u8], number: u32, settings: &Settings) -> Result<usize, SettingsError> {
+    let (header, rest) = slot
+        .split_first_chunk_mut::<HEADER_LEN>()
+        .ok_or(SettingsError::Length)?;
+    let len = settings.encode(rest)?.len();
+    let [n0, n1, n2, n3] = number.to_le_bytes();
+    let [l0, l1] = (len as u16).to_le_bytes();
+    *header = [MARK[0], MARK[1], l0, l1, n0, n1, n2, n3];
+    let (covered, rest) = slot
+        .split_at_mut_checked(HEADER_LEN + len)
+        .ok_or(SettingsError::Length)?;
+    let checksum = rest
+        .first_chunk_mut::<CHECKSUM_LEN>()
+        .ok_or(SettingsError::Length)?;
+    *checksum = CHECKSUM.checksum(covered).to_le_bytes();
+    Ok(HEADER_LEN + len + CHECKSUM_LEN)
+}
+
+/// The valid slot of the highest number.
+fn newest<'a>(sectors: [&'a [u8]; 2]) -> Option<Found<'a>> {
+    let of_sector = |(sector, content): (usize, &'a [u8])| {
+        let slots = content.chunks_exact(SLOT_LEN).enumerate();
+        slots.filter_map(move |(slot, bytes)| valid(bytes).map(|v| (sector, slot, v)))
+    };
+    sectors
+        .into_iter()
+        .enumerate()
+        .flat_map(of_sector)
+        .map(|(sector, slot, (number, encoded))| Found {
+            number,
+            sector,
+            slot,
+            encoded,
+        })
+        .max_by_key(|found| found.number)
+}
+
+/// Number and encoded settings of a slot, if it is valid.
+fn valid(slot: &[u8]) -> Option<(u32, &[u8])> {
+    let ([m0, m1, l0, l1, number @ ..], rest) = slot.split_first_chunk::<HEADER_LEN>()?;
+    let len = usize::from(u16::from_le_bytes([*l0, *l1]));
+    let (encoded, rest) = rest.split_at_checked(len)?;
+    let covered = slot.get(..HEADER_LEN + len)?;
+    let checksum = CHECKSUM.checksum(covered).to_le_bytes();
+    let is_valid = [*m0, *m1] == MARK && rest.starts_with(&checksum);
+    is_valid.then_some((u32::from_le_bytes(*number), encoded))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::SettingsValues;
+    use proptest::prelude::*;
+
+    /// Small, so that sectors fill up and are erased often.
+    const SECTOR_LEN: usize = 4 * SLOT_LEN;
+
+    type Flash = [Vec<u8>; 2];
+
+    fn blank() -> Flash {
+        [vec![BLANK; SECTOR_LEN], vec![BLANK; SECTOR_LEN]]
+    }
+
+    fn settings(gain: u16) -> Settings {
+        Settings::new(SettingsValues {
+            gain: f32::from(gain) / 1000.0,
+            ..SettingsValues::reference()
+        })
+        .unwrap()
+    }
+
+    fn loaded(flash: &Flash) -> Option<Settings> {
+        load([&flash[0], &flash[1]]).unwrap()
+    }
+
+    fn planned(flash: &Flash, settings: &Settings) -> Write {
+        store([&flash[0], &flash[1]], settings).unwrap()
+    }
+
+    /// Programming can only clear bits.
+    fn program(flash: &mut Flash, write: &Write, done: usize) {
+        let target = &mut flash[write.sector][write.offset..][..write.bytes().len()];
+        for (cell, byte) in target.iter_mut().zip(write.bytes()).take(done) {
+            *cell &= byte;
+        }
+    }
+
+    #[test]
+    fn a_thousand_writes_and_each_is_read() {
+        let mut flash = blank();
+        assert_eq!(loaded(&flash), None);
+        let mut erased = 0;
+        for gain in 0..1000 {
+            let write = planned(&flash, &settings(gain));
+            if write.erase {
+                flash[write.sector].fill(BLANK);
+                erased += 1;
+            }
+            let slot = &flash[write.sector][write.offset..][..SLOT_LEN];
+            assert!(slot.iter().all(|byte| *byte == BLANK));
+            program(&mut flash, &write, usize::MAX);
+            assert_eq!(loaded(&flash), Some(settings(gain)));
+        }
+        // Eight slots before the first, then one in four.
+        assert_eq!(erased, (1000 - 4) / 4);
+    }
+
+    #[test]
+    fn settings_of_another_version_are_not_those_before_them() {
+        let mut flash = blank();
+        for gain in 0..2 {
+            let write = planned(&flash, &settings(gain));
+            program(&mut flash, &write, usize::MAX);
+        }
+        // The second one, as a firmware of tomorrow would have written it.
+        let slot = &mut flash[0][SLOT_LEN..];
+        slot[HEADER_LEN] += 1;
+        let end = HEADER_LEN + usize::from(u16::from_le_bytes([slot[2], slot[3]]));
+        let inner = CHECKSUM.checksum(&slot[HEADER_LEN..end - CHECKSUM_LEN]);
+        slot[end - CHECKSUM_LEN..end].copy_from_slice(&inner.to_le_bytes());
+        let outer = CHECKSUM.checksum(&slot[..end]);
+        slot[end..end + CHECKSUM_LEN].copy_from_slice(&outer.to_le_bytes());
+        let other = crate::settings::VERSION + 1;
+        let read = load([&flash[0], &flash[1]]);
+        assert_eq!(read, Err(SettingsError::Version(other)));
+    }
+
+    /// What a cut leaves of a cell.
+    fn torn(old: u8, new: u8, progress: u8, chance: u8, bits: u8) -> u8 {
+        match chance % 4 {
+            0 => old & !bits | new & bits,
+            _ if chance < progress => new,
+            _ => old,
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+
+        /// Cuts while programming and while erasing (over zero, as the cells do): what is read is
+        /// what was there before or what was being written, and the next write succeeds.
+        #[test]
+        fn a_cut_leaves_the_old_or_the_new(
+            cuts in prop::collection::vec((any::<bool>(), any::<bool>(), any::<u8>()), 1..60),
+            seed: u64,
+        ) {
+            let mut flash = blank();
+            let mut old = None;
+            let mut random = seed;
+            let mut chance = || {
+                random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                (random >> 56) as u8
+            };
+            for (gain, (is_cut, to_zero, progress)) in cuts.into_iter().enumerate() {
+                let new = settings(gain as u16);
+                let write = planned(&flash, &new);
+                if write.erase && is_cut {
+                    for cell in &mut flash[write.sector] {
+                        let (from, to) = if to_zero { (*cell, 0) } else { (0, BLANK) };
+                        *cell = torn(from, to, progress, chance(), chance());
+                    }
+                } else {
+                    if write.erase {
+                        flash[write.sector].fill(BLANK);
+                    }
+                    let len = write.bytes().len();
+                    let done = if is_cut { usize::from(progress) % len } else { len };
+                    program(&mut flash, &write, done);
+                    if is_cut {
+                        // The byte that was being programmed.
+                        let cell = &mut flash[write.sector][write.offset + done];
+                        *cell &= write.bytes()[done] | chance();
+                    }
+                }
+                let read = loaded(&flash);
+                let gain = read.map(|settings| settings.values().gain);
+                prop_assert!(read == old || read == Some(new), "{:?}", gain);
+                prop_assert!(is_cut || read == Some(new));
+                old = read;
+            }
+        }
+
+        #[test]
+        fn any_flash_at_all_can_be_read_and_written(
+            seed in prop::collection::vec(any::<u8>(), SECTOR_LEN), gain in 0..1000_u16,
+        ) {
+            let mut flash = [seed.clone(), seed];
+            let write = planned(&flash, &settings(gain));
+            if write.erase {
+                flash[write.sector].fill(BLANK);
+            }
+            program(&mut flash, &write, usize::MAX);
+            prop_assert_eq!(loaded(&flash), Some(settings(gain)));
+        }
+    }
+}
