@@ -20,7 +20,8 @@ pub struct Origin {
 }
 
 fn percent(share: f64) -> String {
-    format!("{:.0}", 100.0 * share)
+    // no "-0"
+    format!("{:.0}", (100.0 * share).round() + 0.0)
 }
 
 fn interval(ci95: Option<[f64; 2]>) -> String {
@@ -128,6 +129,13 @@ fn outcomes(caption: &str, counts: &Outcomes) -> Table {
             .collect()
     };
     table(caption, &columns, counts.iter().map(row).collect())
+}
+
+/// The cases that do not count, if there are any.
+fn faint(score: &Score) -> Option<Table> {
+    let caption = "Apart: what is hidden hardly shows";
+    let any = !score.faint_outcomes.is_empty();
+    any.then(|| outcomes(caption, &score.faint_outcomes))
 }
 
 fn cost(score: &Score) -> Table {
@@ -585,7 +593,7 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
             section("Outcomes", vec![outcomes("", &score.outcomes)], Vec::new()),
             section(
                 "Faint, apart",
-                vec![outcomes("", &score.faint_outcomes)],
+                faint(score).into_iter().collect(),
                 Vec::new(),
             ),
             section("By size", by("size").collect(), Vec::new()),
@@ -605,10 +613,8 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
 
 /// Everything.
 pub fn full(score: &Score, origin: &Origin) -> Report {
-    let outcomes = vec![
-        outcomes("Outcomes by what is hidden", &score.outcomes),
-        outcomes("Apart: what is hidden hardly shows", &score.faint_outcomes),
-    ];
+    let mut outcomes = vec![outcomes("Outcomes by what is hidden", &score.outcomes)];
+    outcomes.extend(faint(score));
     let gaps = vec![signals(score), claims(score)];
     Report {
         title: "Diagnosis of hidden effects".into(),
