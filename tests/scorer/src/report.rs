@@ -566,6 +566,13 @@ fn verdict(score: &Score, origin: &Origin) -> Vec<String> {
         [] => "All that there are cases for is reached.".into(),
         missed => format!("Not reached: {}.", missed.join("; ")),
     }];
+    let fallen = score.cases.iter().filter(|case| case.fault.is_some());
+    match fallen.count() {
+        0 => {}
+        fallen => verdict.push(format!(
+            "{fallen} cases have no diagnosis that can be read."
+        )),
+    }
     let visible = score.visible.cases;
     verdict.push(format!(
         "{} cases; in {visible} of them what is hidden shows, or nothing is hidden.",

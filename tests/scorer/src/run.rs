@@ -23,6 +23,11 @@ use truth::Case;
 /// Numbers that are looked through for cases that fit a selection.
 const SEARCHED: u64 = 100_000;
 
+/// As much of stderr as tells why it failed.
+const LAST_LINES: usize = 3;
+/// The same, in one table cell.
+const LAST_CHARACTERS: usize = 300;
+
 /// Why cases could not be run or read.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -122,7 +127,7 @@ pub struct Run {
     pub program_crc32: u32,
     /// How it ended.
     pub ended: Ended,
-    /// The last line that it wrote to stderr.
+    /// The last lines that it wrote to stderr.
     pub last_words: String,
     /// Gaps on the validation records, or why there are none.
     pub validation: Result<Gaps, String>,
@@ -216,8 +221,12 @@ impl Folder {
     fn last_words(&self) -> String {
         let bytes = fs::read(self.0.join("stderr.txt")).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
-        let line = text.lines().rev().find(|line| !line.trim().is_empty());
-        line.unwrap_or_default().chars().take(300).collect()
+        let lines: Vec<&str> = text
+            .lines()
+            .filter(|line| !line.trim().is_empty())
+            .collect();
+        let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+        last.join(" / ").chars().take(LAST_CHARACTERS).collect()
     }
 
     /// Runs the tool on case `index` and keeps what came of it.

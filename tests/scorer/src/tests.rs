@@ -351,6 +351,8 @@ fn figures_count_the_visible_and_show_the_others_apart() {
     assert!(!score.reached());
     let met = REACH.map(|reach| reach.met(&score.visible));
     assert_eq!(met[0], Some(false));
+    let fallen = collected(answer(Kind::None, &[], 0.0), Err("gone".into()));
+    assert!(!Score::of(vec![Scored::new(&fallen)]).reached());
     // two of two inside do not show that intervals are too wide; one false alarm of two is one
     assert_eq!((met[6], met[2]), (Some(true), Some(false)));
 }
