@@ -1,8 +1,8 @@
 //! The initial state of a record, estimated from what it measured in its first second.
 //!
 //! The same way for every rig: a weight whose measured contraction shows no trend at first is at
-//! rest where it was measured; else place and speed, and in either case pressure and gas temperature,
-//! are fitted so that the simulation of the first half second meets the measurements.
+//! rest where it was measured; else place and speed are fitted, and in either case the pressure and
+//! the gas's temperature, so that the simulation of the first half second meets the measurements.
 
 use crate::design;
 use crate::error::BadInput;
