@@ -250,13 +250,7 @@ pub fn run(
     experiment: &Experiment,
     mut tick: impl FnMut(&Sensors) -> Output,
 ) -> Result<Vec<Tick>, Error> {
-    let plant = Plant::new(
-        rig,
-        Simulated {
-            pressure: true,
-            motion: true,
-        },
-    )?;
+    let plant = Plant::new(rig, Simulated::WHOLE)?;
     let hand = Hand {
         assist: *rig.require_assist()?,
         initial_length_m: rig.muscle.initial_length_m,

@@ -5,9 +5,9 @@
 mod cmd;
 
 use clap::{Parser, Subcommand};
+use hil_sim::closed_loop;
 use hil_sim::error::BadInput;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, paper};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -52,7 +52,7 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    Paper(#[from] paper::Error),
+    ClosedLoop(#[from] closed_loop::Error),
 }
 
 impl Failure {
@@ -61,9 +61,7 @@ impl Failure {
             self,
             Failure::Input(_)
                 | Failure::NotWritten(_)
-                | Failure::Paper(
-                    paper::Error::Input(_) | paper::Error::ClosedLoop(closed_loop::Error::Input(_))
-                )
+                | Failure::ClosedLoop(closed_loop::Error::Input(_))
         )
     }
 }
