@@ -2,7 +2,7 @@
 
 use crate::board::{self, LinkPins};
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
-use model_core::link::{self, Decoder, FRAME_LEN_MAX, FromDevice, ToDevice};
+use model_core::link::{self, Decoder, FRAME_LEN_MAX, FromDevice, Telemetry, ToDevice};
 use stm32f4xx_hal::ClearFlags;
 use stm32f4xx_hal::dma::{
     DmaChannel, DmaDirection, DmaFlag, Stream5, Stream6,
@@ -99,12 +99,22 @@ impl Link {
         None
     }
 
-    /// Puts a message where [`Link::pump`] takes it; drops it where there is no room.
-    pub fn send(&mut self, message: &FromDevice) {
+    /// Puts telemetry where [`Link::pump`] takes it; drops it where there is no room.
+    pub fn send(&mut self, telemetry: Telemetry) {
+        self.enqueue(&FromDevice::Telemetry(telemetry), 0);
+    }
+
+    /// The same for an answer, which leaves room for telemetry: who asks too often cannot crowd
+    /// it out.
+    pub fn answer(&mut self, message: &FromDevice) {
+        self.enqueue(message, 2 * FRAME_LEN_MAX);
+    }
+
+    fn enqueue(&mut self, message: &FromDevice, room_left_min: usize) {
         let mut buffer = [0; FRAME_LEN_MAX];
         let frame = link::encode(message, &mut buffer).unwrap_or_default();
         let room = BUFFER_LEN - self.put.wrapping_sub(self.sent);
-        if frame.is_empty() || frame.len() > room {
+        if frame.is_empty() || frame.len() + room_left_min > room {
             self.messages_dropped = self.messages_dropped.saturating_add(1);
             return;
         }

@@ -164,7 +164,7 @@ mod app {
         local.link_timer.clear_flags(Flag::Update);
         let mut identify = !core::mem::replace(local.greeted, true);
         while let Some(telemetry) = local.telemetries.dequeue() {
-            link.send(&FromDevice::Telemetry(telemetry));
+            link.send(telemetry);
             let change = (telemetry.output.mode, telemetry.output.fault);
             if core::mem::replace(local.last_change, change) != change {
                 // What is not logged is in the telemetry.
@@ -174,7 +174,7 @@ mod app {
         while let Some(message) = link.receive() {
             match message {
                 ToDevice::Identify => identify = true,
-                ToDevice::ReadSettings => link.send(&FromDevice::Settings(*local.settings)),
+                ToDevice::ReadSettings => link.answer(&FromDevice::Settings(*local.settings)),
                 ToDevice::WriteSettings(values) => write_settings(link, local.store, values),
                 ToDevice::Command(VENTING) => VENT.store(true, Relaxed),
                 ToDevice::Command(command) => {
@@ -188,7 +188,7 @@ mod app {
             local.identity.stack_free_bytes = crash::stack_free_bytes();
             local.identity.frames_rejected = link.frames_rejected;
             local.identity.messages_dropped = link.messages_dropped;
-            link.send(&FromDevice::Identity(*local.identity));
+            link.answer(&FromDevice::Identity(*local.identity));
         }
         link.pump();
     }
@@ -197,17 +197,17 @@ mod app {
     /// none can change under a tick.
     fn write_settings(link: &mut Link, store: &mut Store, values: SettingsValues) {
         let Ok(settings) = Settings::new(values) else {
-            return link.send(&FromDevice::Written(Written::Invalid));
+            return link.answer(&FromDevice::Written(Written::Invalid));
         };
         cortex_m::interrupt::free(|_| {
             // With the ticks masked this cannot change any more.
             if ARMED.load(Relaxed) {
-                return link.send(&FromDevice::Written(Written::Armed));
+                return link.answer(&FromDevice::Written(Written::Armed));
             }
             valve::make_safe();
             watchdog::expect_no_ticks();
             let stored = store.store(&settings);
-            link.send(&FromDevice::Written(if stored {
+            link.answer(&FromDevice::Written(if stored {
                 Written::Stored
             } else {
                 Written::FlashFailed

@@ -3,11 +3,18 @@
   "use strict";
   const plots = JSON.parse(document.getElementById("plots").textContent);
   const root = document.documentElement;
+  const FAMILY = "system-ui, sans-serif";
+  const FONT = `12px ${FAMILY}`;
   let charts = [];
 
   const named = (axis) => axis.unit ? `${axis.label} [${axis.unit}]` : axis.label;
+  const rounded = (value, digits) => {
+    const short = Number(value.toPrecision(digits));
+    const size = Math.abs(short);
+    return short && (size < 1e-3 || size >= 1e6) ? short.toExponential() : String(short);
+  };
   const shown = (value, unit) =>
-    value == null ? "–" : `${Number(value.toPrecision(4))}${unit ? " " + unit : ""}`;
+    value == null ? "–" : rounded(value, 4) + (unit ? ` ${unit}` : "");
   const scaled = (values, factor) => values.map((v) => (v == null ? null : v * factor));
 
   // One row of abscissae for all series: uPlot joins them, with gaps only where data has them.
@@ -20,68 +27,98 @@
     return uPlot.join(tables);
   };
 
+  // A vertical one is named above the plot, where no line can run through its name.
   const markers = (plot, color) => (u) => {
     const { ctx, bbox } = u;
+    const [right, bottom] = [bbox.left + bbox.width, bbox.top + bbox.height];
+    const pixels = (count) => count * devicePixelRatio;
     ctx.save();
-    ctx.strokeStyle = ctx.fillStyle = color("--soft");
-    ctx.lineWidth = devicePixelRatio;
-    ctx.setLineDash([2 * devicePixelRatio, 4 * devicePixelRatio]);
-    ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
-    for (const marker of plot.markers) {
-      const value = marker.value * (marker.vertical ? plot.x.factor : plot.y.factor);
-      const at = u.valToPos(value, marker.vertical ? "x" : "y", true);
-      const [from, to] = marker.vertical
-        ? [bbox.left, bbox.left + bbox.width] : [bbox.top, bbox.top + bbox.height];
-      if (!(at >= from && at <= to)) continue;
+    ctx.font = `${pixels(12)}px ${FAMILY}`;
+    ctx.textBaseline = "bottom";
+    ctx.lineWidth = pixels(1);
+    for (const { vertical, value, label } of plot.markers) {
+      const [axis, scale] = vertical ? [plot.x, "x"] : [plot.y, "y"];
+      const at = u.valToPos(value * axis.factor, scale, true);
+      if (!(vertical ? at >= bbox.left && at <= right : at >= bbox.top && at <= bottom)) continue;
+      ctx.strokeStyle = ctx.fillStyle = color("--soft");
+      ctx.setLineDash([pixels(2), pixels(4)]);
       ctx.beginPath();
-      if (marker.vertical) {
-        ctx.moveTo(at, bbox.top); ctx.lineTo(at, bbox.top + bbox.height);
-        const width = ctx.measureText(marker.label).width + 12 * devicePixelRatio;
-        const left = at + width > bbox.left + bbox.width;
-        ctx.textAlign = left ? "right" : "left";
-        ctx.fillText(marker.label, at + (left ? -5 : 5) * devicePixelRatio, bbox.top + 14 * devicePixelRatio);
-      } else {
-        ctx.moveTo(bbox.left, at); ctx.lineTo(bbox.left + bbox.width, at);
-        ctx.textAlign = "right";
-        ctx.fillText(marker.label, bbox.left + bbox.width - 5 * devicePixelRatio, at - 5 * devicePixelRatio);
-      }
+      ctx.moveTo(vertical ? at : bbox.left, vertical ? bbox.top : at);
+      ctx.lineTo(vertical ? at : right, vertical ? bottom : at);
       ctx.stroke();
+      const half = ctx.measureText(label).width / 2;
+      const wanted = vertical ? at : right - half - pixels(3);
+      const x = Math.min(Math.max(wanted, half), ctx.canvas.width - half);
+      const y = (vertical ? bbox.top : at) - pixels(3);
+      ctx.textAlign = "center";
+      ctx.strokeStyle = color("--panel");
+      ctx.setLineDash([]);
+      ctx.lineWidth = pixels(4);
+      ctx.strokeText(label, x, y);
+      ctx.lineWidth = pixels(1);
+      ctx.fillText(label, x, y);
     }
     ctx.restore();
   };
 
+  // All ordinates get the room of the widest, so that time axes stand below each other.
+  const pen = document.createElement("canvas").getContext("2d");
+  let widest = 0;
+  const room = (u, ticks) => {
+    pen.font = FONT;
+    const width = Math.max(0, ...(ticks || []).map((tick) => pen.measureText(tick ?? "").width));
+    if (width > widest) {
+      widest = width;
+      queueMicrotask(() => { for (const chart of charts) chart.redraw(false, true); });
+    }
+    return Math.ceil(widest) + 20;
+  };
+
+  const height = (width) => Math.round(Math.min(340, Math.max(260, width * 0.55)));
+
   const options = (plot, width) => {
     const style = getComputedStyle(root);
     const color = (name) => style.getPropertyValue(name).trim();
-    const axis = (of, extra) => ({
-      label: named(of), stroke: color("--ink"), labelFont: "12px system-ui, sans-serif",
-      font: "12px system-ui, sans-serif", labelSize: 22,
-      grid: { stroke: color("--rule"), width: 1 }, ticks: { stroke: color("--rule"), width: 1 }, ...extra,
+    const lineColor = (u, line) => color(`--c${(line - 1) % 6}`);
+    const axis = (of, size) => ({
+      label: named(of), stroke: color("--ink"), labelFont: FONT, font: FONT, labelSize: 20, size,
+      // uPlot's own numbers end at the third decimal.
+      values: (u, ticks) => ticks.map((tick) => (tick == null ? "" : rounded(tick, 6))),
+      grid: { stroke: color("--rule"), width: 1 }, ticks: { stroke: color("--rule"), width: 1 },
     });
     const log = (of) => (of.log ? { distr: 3 } : {});
-    const inside = (u, min, max) => {
-      const pad = (max - min || Math.abs(max) || 1) * 0.05;
-      return [min - pad, max + pad];
+    // A line across is there to be compared with: it stays in sight.
+    const across = plot.markers.filter((marker) => !marker.vertical)
+      .map((marker) => marker.value * plot.y.factor);
+    const around = (u, min, max) => {
+      if (min == null) return [null, null];
+      const [low, high] = [Math.min(min, ...across), Math.max(max, ...across)];
+      if (plot.y.log) return uPlot.rangeLog(low, high, 10, false);
+      const pad = (high - low || Math.abs(high) || 1) * 0.05;
+      return [low - pad, high + pad];
     };
     return {
-      width, height: Math.round(Math.min(340, Math.max(260, width * 0.55))),
+      width, height: height(width),
+      padding: [plot.markers.some((marker) => marker.vertical) ? 22 : null, null, null, null],
       scales: {
-        x: { time: false, ...log(plot.x) },
-        y: plot.y.log ? log(plot.y) : { range: inside },
+        // As dragged: by itself a logarithmic scale would widen to whole decades.
+        x: { time: false, ...log(plot.x), range: (u, min, max) => [min, max] },
+        y: { ...log(plot.y), range: around },
       },
-      axes: [axis(plot.x, { size: 38 }), axis(plot.y, {
-        size: (u, values) => 16 + 7 * Math.max(2, ...(values || []).map((v) => (v || "").length)),
-      })],
+      axes: [axis(plot.x, 38), axis(plot.y, room)],
       series: [{ label: plot.x.label, value: (u, v) => shown(v, plot.x.unit) },
-        ...plot.series.map((s, i) => ({
-          label: s.name, stroke: color(`--c${i % 6}`), width: 1.8, dash: s.dashed ? [7, 5] : undefined,
+        ...plot.series.map((s) => ({
+          label: s.name, stroke: lineColor, width: 1.8, dash: s.dashed ? [7, 5] : undefined,
           spanGaps: false, points: { show: false }, value: (u, v) => shown(v, plot.y.unit),
         }))],
       cursor: {
         drag: { x: true, y: false, setScale: true }, focus: { prox: 24 },
         sync: plot.sync ? { key: plot.sync, setSeries: false } : undefined,
       },
-      legend: { markers: { fill: (u, i) => (i ? color(`--c${(i - 1) % 6}`) : "transparent") } },
+      legend: { markers: {
+        stroke: lineColor, width: 3,
+        dash: (u, line) => (plot.series[line - 1]?.dashed ? "dashed" : "solid"),
+      } },
       hooks: { draw: [markers(plot, color)] },
     };
   };
@@ -97,8 +134,7 @@
   const fit = () => {
     for (const chart of charts) {
       const width = chart.root.parentElement.clientWidth;
-      const height = Math.round(Math.min(340, Math.max(260, width * 0.55)));
-      if (width !== chart.width) chart.setSize({ width, height });
+      if (width !== chart.width) chart.setSize({ width, height: height(width) });
     }
   };
 

@@ -7,7 +7,7 @@
 use crate::error::BadInput;
 use crate::plant::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
 use crate::plant::load::{GRAVITY_M_PER_S2, Motion};
-use crate::plant::{CONTRACTION, Drive, NOMINAL_STATES, Plant, Simulated};
+use crate::plant::{CONTRACTION, Drive, NOMINAL_STATES, Plant, Regime, Simulated};
 use crate::rig::{Load, Rig, Weight};
 use model_core::assist::Assist;
 use model_core::muscle::Muscle;
@@ -43,8 +43,8 @@ pub struct Linearisation {
     pub flow_gain_needed_kg_per_pa_s: f64,
 }
 
-/// Contraction at which a muscle under `pressure` carries `mass_kg` \[-\], Eq 1 solved for ε; `None`
-/// where it lifts nothing (ε < 0) or pulls past full contraction.
+/// Contraction at which a muscle under `pressure` carries `mass_kg` \[-\], Eq 1 solved for ε;
+/// `None` where it lifts nothing (ε < 0) or pulls past full contraction.
 pub fn equilibrium(muscle: &Muscle<f64>, pressure: GaugePa<f64>, mass_kg: f64) -> Option<f64> {
     let force_n = mass_kg * GRAVITY_M_PER_S2;
     let squared = ((force_n - muscle.gamma_n) / pressure.0 - muscle.beta_m2) / muscle.alpha_m2;
@@ -130,18 +130,22 @@ impl Linearisation {
 }
 
 /// Rates of the four nominal states, linearised numerically at the equilibrium: ∂ẏ/∂y, ∂ẏ/∂P_r.
-/// Friction is left out, the muscle charges.
+/// Friction and the rig's effects are left out, the muscle charges.
 ///
 /// # Errors
 /// As [`linearise`].
 pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<f64>), BadInput> {
-    let mut plant = Plant::new(
-        rig,
-        Simulated {
-            pressure: true,
-            motion: true,
-        },
-    )?;
+    let mut nominal = rig.clone();
+    nominal.effects.clear();
+    let whole = Simulated {
+        pressure: true,
+        motion: true,
+    };
+    let mut plant = Plant::new(&nominal, whole)?;
+    let regime = Regime {
+        motion: Motion::Rising,
+        charging: true,
+    };
     if let Some(load) = &mut plant.load {
         load.weight.mass_kg = at.mass_kg;
         load.weight.coulomb_friction_n = 0.0;
@@ -154,7 +158,7 @@ pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<
             reference,
             ..Drive::default()
         };
-        Vector4::from(plant.rates(0.0, &drive, Motion::Rising, state))
+        Vector4::from(plant.rates(0.0, &drive, regime, state))
     };
     // Central differences: the equations are quadratic at most about here, so steps may be large.
     let steps = [1e-5, 1e-4, 10.0, 1e-2];
@@ -209,8 +213,8 @@ fn spectral_radius(
     poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max)
 }
 
-/// The stiffest input K_s \[N/m\] with which the sampled loop is stable at the equilibrium, to 0.1 %;
-/// `None` if it is at any K_s up to 10⁵ N/m.
+/// The stiffest input K_s \[N/m\] with which the sampled loop is stable at the equilibrium, to
+/// 0.1 %; `None` if it is at any K_s up to 10⁵ N/m.
 ///
 /// # Errors
 /// As [`linearise`].

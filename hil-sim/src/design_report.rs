@@ -129,7 +129,8 @@ fn stiffness_limits(
     }))
 }
 
-fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
+/// The answer in words.
+fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
     let (has, needs) = (
         answer.flow_gain_kg_per_pa_s,
         answer.flow_gain_needed_kg_per_pa_s,
@@ -142,7 +143,8 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
     };
     let mut verdict = vec![
         format!(
-            "Buy a valve with a flow gain of at least {needs:.1e} kg/(Pa·s): the rig's {has:.1e} {enough}."
+            "Buy a valve with a flow gain of at least {needs:.1e} kg/(Pa·s): \
+             the rig's {has:.1e} {enough}."
         ),
         format!(
             "The hardest point is {:.0} kPa with {:.1} kg, ω₂ = {:.2} Hz.",
@@ -165,6 +167,11 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
             assist.input_stiffness_n_per_m * assist.gain,
         ));
     }
+    verdict
+}
+
+/// Needed flow gain and natural frequency over the equilibrium pressure, a line a mass.
+fn plots(masses_kg: &[f64], answer: &Answer) -> Vec<Plot> {
     let of_mass = |mass_kg: f64, value: fn(&Linearisation) -> f64| {
         let points = answer
             .equilibria
@@ -196,8 +203,8 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
     );
     needed.markers.push(Marker {
         vertical: false,
-        value: has,
-        label: format!("the rig's valve, {has:.1e}"),
+        value: answer.flow_gain_kg_per_pa_s,
+        label: format!("the rig's valve, {:.1e}", answer.flow_gain_kg_per_pa_s),
     });
     let natural = over_pressure(
         "Natural frequency of the weight on the muscle",
@@ -205,23 +212,29 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
         Axis::new("ω₂/2π", "Hz", 1.0 / (2.0 * std::f64::consts::PI)),
         |linear| linear.omega2_rad_per_s,
     );
+    vec![needed, natural]
+}
+
+fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
+    let worst = &answer.worst;
     let lines = [(
         format!("{:.0} kPa, {} kg", worst.pressure_pa / 1e3, worst.mass_kg),
         *worst,
     )];
     Report {
         title: "Designing the power-assist circuit".into(),
-        verdict,
+        verdict: verdict(rig, answer),
         sections: vec![
             Section {
                 heading: "Which valve must I buy?".into(),
                 text: vec![
                     "The person feels a delay unless the pressure control (G, bandwidth ω₁) is \
-                     faster than the weight on the muscle's own stiffness (H, natural frequency ω₂)."
+                     faster than the weight on the muscle's own stiffness (H, natural frequency \
+                     ω₂)."
                         .into(),
                 ],
                 tables: vec![table(&answer.equilibria)],
-                plots: vec![needed, natural],
+                plots: plots(masses_kg, answer),
             },
             Section {
                 heading: "Frequency responses at the hardest point".into(),

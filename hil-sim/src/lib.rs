@@ -5,6 +5,7 @@ pub mod design;
 pub mod design_report;
 pub mod effects;
 pub mod error;
+pub mod gap;
 pub mod initial;
 pub mod output;
 pub mod paper;

@@ -681,71 +681,37 @@ fn table_1(rig: &Rig) -> Result<Table, BadInput> {
         rig.require_valve()?,
         rig.require_gas()?,
     );
-    let row = |name: &str, value: f64, unit: &str, source: &str| {
-        vec![
-            name.to_owned(),
-            format!("{value} {unit}"),
-            source.to_owned(),
-        ]
+    const PRINTED: &str = "Table 1";
+    const CHOSEN: &str = "chosen: the paper leaves it out";
+    let muscle = &rig.muscle;
+    let supply_kpa = valve.supply_pressure.0 / 1e3;
+    let rows = [
+        ("mass M", weight.mass_kg, "kg", PRINTED),
+        (
+            "viscous damping C",
+            weight.viscous_damping_ns_per_m,
+            "N·s/m",
+            PRINTED,
+        ),
+        ("main lever length l", assist.lever_length_m, "m", PRINTED),
+        ("Coulomb friction", weight.coulomb_friction_n, "N", PRINTED),
+        ("static friction", weight.static_friction_n, "N", PRINTED),
+        ("supply pressure P_s", supply_kpa, "kPa", "Table 1 («kPs»)"),
+        ("temperature θ_a", gas.ambient_temperature_k, "K", PRINTED),
+        ("initial length L", muscle.initial_length_m, "m", PRINTED),
+        ("power assist gain K", assist.gain, "", PRINTED),
+        ("α", muscle.alpha_m2, "m²", CHOSEN),
+        ("β", muscle.beta_m2, "m²", CHOSEN),
+        ("γ", muscle.gamma_n, "N", CHOSEN),
+        ("spring K_s", assist.input_stiffness_n_per_m, "N/m", CHOSEN),
+        ("pulley diameter d", assist.pulley_diameter_m, "m", CHOSEN),
+    ];
+    let row = |(name, value, unit, source): (&str, f64, &str, &str)| {
+        vec![name.into(), format!("{value} {unit}"), source.into()]
     };
     Ok(Table {
         caption: "Parameters".into(),
         columns: ["parameter", "value", "source"].map(String::from).into(),
-        rows: vec![
-            row("mass M", weight.mass_kg, "kg", "Table 1"),
-            row(
-                "viscous damping C",
-                weight.viscous_damping_ns_per_m,
-                "N·s/m",
-                "Table 1",
-            ),
-            row("main lever length l", assist.lever_length_m, "m", "Table 1"),
-            row(
-                "Coulomb friction",
-                weight.coulomb_friction_n,
-                "N",
-                "Table 1",
-            ),
-            row("static friction", weight.static_friction_n, "N", "Table 1"),
-            row(
-                "supply pressure P_s",
-                valve.supply_pressure.0 / 1e3,
-                "kPa",
-                "Table 1 («kPs»)",
-            ),
-            row("temperature θ_a", gas.ambient_temperature_k, "K", "Table 1"),
-            row(
-                "initial length L",
-                rig.muscle.initial_length_m,
-                "m",
-                "Table 1",
-            ),
-            row("power assist gain K", assist.gain, "", "Table 1"),
-            row(
-                "α",
-                rig.muscle.alpha_m2,
-                "m²",
-                "chosen: the paper leaves it out",
-            ),
-            row(
-                "β",
-                rig.muscle.beta_m2,
-                "m²",
-                "chosen: the paper leaves it out",
-            ),
-            row(
-                "γ",
-                rig.muscle.gamma_n,
-                "N",
-                "chosen: the paper leaves it out",
-            ),
-            row(
-                "spring K_s",
-                assist.input_stiffness_n_per_m,
-                "N/m",
-                "chosen",
-            ),
-            row("pulley diameter d", assist.pulley_diameter_m, "m", "chosen"),
-        ],
+        rows: rows.map(row).into(),
     })
 }

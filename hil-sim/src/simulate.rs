@@ -173,7 +173,7 @@ fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
 ///
 /// With `pressure_ref_pa` the valve and the gas are simulated, else the measured pressure is an
 /// input; a prescribed load takes the measured contraction as an input. The initial state comes
-/// from the record's first second ([`initial::estimate`]).
+/// from the record's first second (see [`crate::initial`]).
 ///
 /// # Errors
 /// Rig and record do not fit together, or the record's inputs take the plant out of physics.

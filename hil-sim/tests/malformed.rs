@@ -228,7 +228,10 @@ const RECORDS: [(&str, &str); 24] = [
         "time_s,pressure_ref_pa\n0,NaN\n",
         ":2: column `pressure_ref_pa`: expected a number or",
     ),
-    ("time_s,pressure_ref_pa\n0,\"1\n", ":2: expected a closing quote"),
+    (
+        "time_s,pressure_ref_pa\n0,\"1\n",
+        ":2: expected a closing quote",
+    ),
     (
         "time_s,pressure_ref_pa\n,1\n",
         ":2: column `time_s`: expected a time in every row",

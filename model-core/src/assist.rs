@@ -30,10 +30,10 @@ impl<T: FloatCore> Assist<T> {
         self.input_stiffness_n_per_m
             * (finger_m - self.lever_travel_m(initial_length_m) * contraction)
     }
+}
 
-    /// Reference force F_c \[N\], Eq 7: F_c = K F_b.
-    #[inline]
-    pub fn reference_force_n(&self, finger_force_n: T) -> T {
-        self.gain * finger_force_n
-    }
+/// Reference force F_c \[N\], Eq 7: F_c = K F_b. A controller measures F_b; it needs no lever.
+#[inline]
+pub fn reference_force_n<T: FloatCore>(gain: T, finger_force_n: T) -> T {
+    gain * finger_force_n
 }

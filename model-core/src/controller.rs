@@ -7,6 +7,7 @@
 //!
 //! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
 
+use crate::assist::reference_force_n;
 use crate::frame::{Output, Sensors};
 use crate::plausibility::{Bounds, Verdict, Watch};
 use crate::pressure::GaugePa;
@@ -122,7 +123,7 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
         state.bridge.value() - state.tare_n,
         values.finger_force_n_max,
     );
-    let reference_force_n = values.gain * finger_force_n;
+    let reference_force_n = reference_force_n(values.gain, finger_force_n);
     state.pressure_ref_pa =
         next_reference_pa(settings, state, reference_force_n, contraction, ticks);
     let pressure_ref = GaugePa(state.pressure_ref_pa);

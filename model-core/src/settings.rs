@@ -86,8 +86,9 @@ impl SettingsValues {
     /// The paper's rig with the electronics of docs/theory.md.
     ///
     /// The rate limit lets the paper's lift pass: even valve A's wind-up asks for less than
-    /// 2 MPa/s. `encoder_stuck_pa`: static friction of 7 N both ways over ∂F/∂P ≥ 0.5e-3 m² is
-    /// 28 kPa. `lift_pressure_pa_max`: twice the weight leaves the stop at 176 kPa.
+    /// 2 MPa/s. `encoder_stuck_pa`: static friction of 7 N both ways over ∂F/∂P ≥ 3.0e-4 m²
+    /// (at `contraction_trip`) is 46 kPa. `lift_pressure_pa_max`: twice the weight leaves the stop
+    /// at 176 kPa.
     pub const fn reference() -> SettingsValues {
         SettingsValues {
             muscle: Muscle {

@@ -1,6 +1,6 @@
 //! The paper's equations against numbers worked out by hand, and their properties.
 
-use model_core::assist::Assist;
+use model_core::assist::{Assist, reference_force_n};
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
@@ -46,7 +46,7 @@ fn finger_and_reference_force_by_hand() {
     // 200·(0.12 − 0.45·0.2) = 6 N, twenty times which is 120 N.
     let finger_n = assist.finger_force_n(0.12, 0.2, 0.3);
     assert!((finger_n - 6.0).abs() < 1e-12);
-    assert!((assist.reference_force_n(finger_n) - 120.0).abs() < 1e-10);
+    assert!((reference_force_n(assist.gain, finger_n) - 120.0).abs() < 1e-10);
 }
 
 #[test]

@@ -414,7 +414,8 @@ fn small_signals_follow_the_linearisation() {
 fn input_stiffness_limits_are_those_of_the_reading() {
     let rig = Rig::reference();
     let assist = rig.require_assist().expect("the reference rig assists");
-    // "420–480 N/m without delay, 330–360 with one tick", read as rounded to 10 N/m.
+    // "420–480 N/m without delay, 330–360 with one tick", read as rounded to 10 N/m, at the three
+    // round equilibria (between them, at 250 kPa, the one with a tick falls to 320 N/m).
     for (delay_ticks, range) in [(0, 415.0..=485.0), (1, 325.0..=365.0)] {
         for pressure_pa in [2e5, 3e5, 4e5] {
             let linear = design::linearise(&rig, GaugePa(pressure_pa), 12.0)

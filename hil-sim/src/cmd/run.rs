@@ -44,7 +44,11 @@ pub struct Args {
     #[arg(long, value_parser = between(0.0, 1e5))]
     arm_stiffness: Option<f64>,
     /// Time from sampling to the valve [s], within one tick
-    #[arg(long, default_value_t = Experiment::PAPER.output_delay_s, value_parser = between(0.0, TICK_S))]
+    #[arg(
+        long,
+        default_value_t = Experiment::PAPER.output_delay_s,
+        value_parser = between(0.0, TICK_S)
+    )]
     output_delay: f64,
     /// Seed of all noise
     #[arg(long, default_value_t = Experiment::PAPER.seed)]

@@ -1,6 +1,8 @@
 //! `hil-sim simulate`.
 
 use crate::Failure;
+use hil_sim::gap;
+use hil_sim::output::write_atomically;
 use hil_sim::plant::simulation::TOLERANCE;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
@@ -11,11 +13,12 @@ use std::path::PathBuf;
 ///
 /// With a column `pressure_ref_pa` valve and gas are simulated, without it the measured pressure is
 /// the input. With `load.kind = "prescribed"` the measured contraction is an input too. The initial
-/// state is estimated from the record's first second.
+/// state is estimated from the record's first second. What else was measured is compared with what
+/// was simulated.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:
-  hil-sim simulate --rig rig.toml --drive measured.csv --out sim.csv")]
+  hil-sim simulate --rig rig.toml --drive measured.csv --out sim.csv --report gap.html")]
 pub struct Args {
     /// The rig
     #[arg(long, value_name = "RIG")]
@@ -26,6 +29,12 @@ pub struct Args {
     /// The record to write, with the same columns on the same times
     #[arg(long, value_name = "SIM.csv")]
     out: PathBuf,
+    /// A report to write, with the measured signals beside the simulated ones
+    #[arg(long, value_name = "REPORT.html")]
+    report: Option<PathBuf>,
+    /// Print the gaps as JSON instead of words
+    #[arg(long)]
+    json: bool,
     /// Local error allowed a step, relative to each quantity's range
     #[arg(long, default_value_t = TOLERANCE, value_parser = tolerance)]
     tolerance: f64,
@@ -42,6 +51,17 @@ fn tolerance(text: &str) -> Result<f64, String> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = Rig::read(&args.rig)?;
     let record = Record::read(&args.drive)?;
-    simulate(&rig, &record, args.tolerance)?.write(&args.out)?;
+    let simulated = simulate(&rig, &record, args.tolerance)?;
+    let gaps = gap::gaps(&record, &simulated);
+    let report = gap::report(&record, &simulated, &gaps);
+    simulated.write(&args.out)?;
+    if let Some(path) = &args.report {
+        write_atomically(path, report.to_html().as_bytes())?;
+    }
+    if args.json {
+        super::print_json(&gaps);
+    } else {
+        super::print(&report.to_text());
+    }
     Ok(())
 }

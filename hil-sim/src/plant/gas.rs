@@ -76,30 +76,38 @@ impl GasBlock {
     }
 
     /// What the nominal muscle exchanges when `flow_kg_per_s` comes from the line (out of the
-    /// muscle if negative), with the terms' changes.
+    /// muscle if negative), with the terms' changes. `charging` says which heat transfer holds: it
+    /// jumps with the flow's sign, so whoever integrates changes it between steps.
     #[inline]
-    pub fn exchange(&self, at: &GasPoint, flow_kg_per_s: f64, state: &[f64]) -> Exchange {
-        let heat_transfer_w_per_m2_k = if flow_kg_per_s > 0.0 {
+    pub fn exchange(
+        &self,
+        at: &GasPoint,
+        flow_kg_per_s: f64,
+        charging: bool,
+        state: &[f64],
+    ) -> Exchange {
+        let heat_transfer_w_per_m2_k = if charging {
             self.gas.heat_transfer_charging_w_per_m2_k
         } else {
             self.gas.heat_transfer_discharging_w_per_m2_k
         };
-        let mut exchange = Exchange {
+        let exchange = Exchange {
             inflow_kg_per_s: flow_kg_per_s.max(0.0),
             outflow_kg_per_s: (-flow_kg_per_s).max(0.0),
             heat_transfer_w_per_m2_k,
         };
-        for (term, own) in self.terms.iter(state) {
-            term.exchange(at, own, &mut exchange);
-        }
-        exchange
+        self.terms
+            .change(at, state, exchange, |term, at, own, mut exchange| {
+                term.exchange(at, own, &mut exchange);
+                exchange
+            })
     }
 
     /// Rates of absolute pressure \[Pa/s\] and temperature \[K/s\], Eqs 3 and 4 solved for them.
     ///
-    /// Eq 4 (energy, with the signs of the errata): d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ) − P V̇ +
-    /// h S_h(θ_a − θ). With W = PV/(Rθ) its left side is (C_v/R)(V Ṗ + P V̇), which gives Ṗ; Eq 3,
-    /// P V̇ + V Ṗ = G R θ + W R θ̇, then gives θ̇. Valid for V > 0, P > 0, θ > 0.
+    /// Eq 4 (energy, with the signs of the errata): d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ) − P V̇
+    /// + h S_h(θ_a − θ). With W = PV/(Rθ) its left side is (C_v/R)(V Ṗ + P V̇), which gives Ṗ; Eq
+    /// 3, P V̇ + V Ṗ = G R θ + W R θ̇, then gives θ̇. Valid for V > 0, P > 0, θ > 0.
     #[inline]
     pub fn rates(
         &self,

@@ -52,20 +52,18 @@ impl LineBlock {
     /// Pressure at the valve's port.
     #[inline]
     pub fn port(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
-        let mut port = at.muscle;
-        for (term, own) in self.terms.iter(state) {
-            port = term.port(at, own, port);
-        }
-        port
+        self.terms
+            .change(at, state, at.muscle, |term, at, own, port| {
+                term.port(at, own, port)
+            })
     }
 
     /// Mass flow into the muscle \[kg/s\].
     #[inline]
     pub fn flow_kg_per_s(&self, at: &LinePoint, state: &[f64]) -> f64 {
-        let mut flow = at.valve_flow_kg_per_s;
-        for (term, own) in self.terms.iter(state) {
-            flow = term.flow_kg_per_s(at, own, flow);
-        }
-        flow
+        let flow = at.valve_flow_kg_per_s;
+        self.terms.change(at, state, flow, |term, at, own, flow| {
+            term.flow_kg_per_s(at, own, flow)
+        })
     }
 }

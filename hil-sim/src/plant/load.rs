@@ -48,14 +48,17 @@ impl LoadBlock {
     /// The constants in force, and the external force that lifts \[N\].
     #[inline]
     fn constants(&self, at: &LoadPoint, state: &[f64]) -> (Weight, f64) {
-        let (mut weight, mut force_n) = (self.weight, 0.0);
-        for (term, own) in self.terms.iter(state) {
-            term.change(at, own, &mut weight, &mut force_n);
-        }
-        (weight, force_n)
+        let nominal = (self.weight, 0.0);
+        self.terms
+            .change(at, state, nominal, |term, at, own, constants| {
+                let (mut weight, mut force_n) = constants;
+                term.change(at, own, &mut weight, &mut force_n);
+                (weight, force_n)
+            })
     }
 
-    /// ε̈ \[1/s²\] while moving, Eq 5: M L ε̈ = F − L C ε̇ − M g ∓ F_c, friction against the motion.
+    /// ε̈ \[1/s²\] while moving, Eq 5: M L ε̈ = F − L C ε̇ − M g ∓ F_c, friction against
+    /// the motion.
     #[inline]
     pub fn acceleration_per_s2(
         &self,

@@ -77,6 +77,15 @@ pub struct Drive {
     pub supply: Option<Ramp>,
 }
 
+/// What holds between two events, in which the equations are smooth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Regime {
+    /// How the weight moves.
+    pub motion: Motion,
+    /// Air flows into the muscle (which sets the heat transfer).
+    pub charging: bool,
+}
+
 /// An effect, bound for its block.
 pub enum Term {
     /// On the muscle's force.
@@ -134,7 +143,8 @@ struct PneumaticSignals {
 }
 
 impl Pneumatics {
-    #[inline]
+    // Always inline: most callers need little of what it returns.
+    #[inline(always)]
     fn signals(
         &self,
         time_s: f64,
@@ -287,27 +297,37 @@ impl Plant {
 
     /// How far a weight at rest is from moving \[N\] (see [`LoadBlock::breakaway_n`]).
     #[inline]
-    fn breakaway_n(&self, load: &LoadBlock, time_s: f64, state: &[f64]) -> (f64, Motion) {
+    pub fn breakaway_n(&self, load: &LoadBlock, time_s: f64, state: &[f64]) -> (f64, Motion) {
         let force_n = self.force_n(time_s, state);
         load.breakaway_n(&self.load_point(time_s, state), state, force_n)
     }
 
-    /// Rates of the state under `drive`, the weight moving as `motion` says.
+    /// Mass flow from the line into the muscle \[kg/s\]; none where the pressure is an input.
+    #[inline]
+    pub fn flow_kg_per_s(&self, time_s: f64, drive: &Drive, state: &[f64]) -> f64 {
+        self.pneumatics.as_ref().map_or(0.0, |pneumatics| {
+            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            signals.flow_kg_per_s
+        })
+    }
+
+    /// Rates of the state under `drive` in `regime`.
     #[inline]
     pub fn rates<const N: usize>(
         &self,
         time_s: f64,
         drive: &Drive,
-        motion: Motion,
+        regime: Regime,
         state: &[f64; N],
     ) -> [f64; N] {
         let mut rates = [0.0; N];
         if let Some(load) = &self.load {
-            if motion != Motion::Stuck {
+            if regime.motion != Motion::Stuck {
                 let force_n = self.force_n(time_s, state);
                 let at = self.load_point(time_s, state);
                 rates[CONTRACTION] = state[CONTRACTION_RATE];
-                rates[CONTRACTION_RATE] = load.acceleration_per_s2(&at, state, force_n, motion);
+                rates[CONTRACTION_RATE] =
+                    load.acceleration_per_s2(&at, state, force_n, regime.motion);
             }
         } else {
             rates[CONTRACTION] = drive.contraction_rate_per_s;
@@ -315,7 +335,8 @@ impl Plant {
         if let Some(pneumatics) = &self.pneumatics {
             let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
             let gas = &pneumatics.gas;
-            let exchange = gas.exchange(&signals.gas, signals.flow_kg_per_s, state);
+            let exchange =
+                gas.exchange(&signals.gas, signals.flow_kg_per_s, regime.charging, state);
             let (contraction, rate) = (state[CONTRACTION], state[CONTRACTION_RATE]);
             let (pressure_rate, temperature_rate) =
                 gas.rates(&signals.gas, contraction, rate, &exchange);

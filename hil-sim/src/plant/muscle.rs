@@ -35,10 +35,9 @@ impl MuscleBlock {
     /// Muscle force F \[N\].
     #[inline]
     pub fn force_n(&self, at: &MusclePoint, state: &[f64]) -> f64 {
-        let mut force = self.law.force_n(at.contraction, at.pressure);
-        for (term, own) in self.terms.iter(state) {
-            force = term.force_n(at, &self.law, own, force);
-        }
-        force
+        let force = self.law.force_n(at.contraction, at.pressure);
+        self.terms.change(at, state, force, |term, at, own, force| {
+            term.force_n(at, &self.law, own, force)
+        })
     }
 }

@@ -1,20 +1,22 @@
 //! The plant in time: adaptive steps, with stick, slip and the stop located between them.
 //!
-//! Between two jumps of the drive and two changes of [`Motion`] the equations are smooth, and a
-//! step never spans one: breakaway, standstill and the stop are found on the step's continuous
-//! extension, and the next step begins there.
+//! Between two jumps of the drive and two changes of [`Regime`] the equations are smooth, and a
+//! step never spans one: breakaway, standstill, the stop and the flow's reversal are found on the
+//! step's continuous extension, and the next step begins there.
 
 use super::integrate::Step;
 use super::load::{LoadBlock, Motion};
 use super::sensors::Reading;
 use super::term::Update;
-use super::{CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, TEMPERATURE};
+use super::{
+    CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, TEMPERATURE,
+};
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::collections::VecDeque;
 
 /// Default local error per step, relative to each state's range: the benchmark's work-precision
 /// table shows what it costs and gives.
-pub const TOLERANCE: f64 = 1e-6;
+pub const TOLERANCE: f64 = 1e-5;
 
 /// Ranges that the tolerance is relative to: ε, ε̇ \[1/s\], P \[Pa\], θ \[K\]; 1 for effects.
 const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
@@ -22,14 +24,18 @@ const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
 const STEP_S_MIN: f64 = 1e-11;
 /// Changes of motion that one advance may see; physics needs a handful in 10 ms.
 const EVENTS_MAX: u32 = 10_000;
-/// Bisections of a step when an event is located: 2⁻⁴⁵ of 10 ms is below 1e-15 s.
-const BISECTIONS: u32 = 45;
+/// The share of a step to which a change of motion is located: below 1e-15 s of 10 ms.
+const MOTION_FRACTION: f64 = 5e-14;
+/// The share of a step to which the flow's reversal is located: heat transfer jumps, states do not.
+const FLOW_FRACTION: f64 = 1e-6;
 /// What a step may shrink by.
 const GROWTH_MIN: f64 = 0.2;
 /// What a step may grow by.
 const GROWTH_MAX: f64 = 5.0;
 /// The share of the estimated step that is dared.
 const SAFETY: f64 = 0.9;
+/// Relative error below which a step may grow by [`GROWTH_MAX`]: (SAFETY / GROWTH_MAX)⁵.
+const ERROR_NEGLIGIBLE: f64 = 1.889568e-4;
 /// Trial steps that are no steps: the error is not finite, say.
 const REFUSED: f64 = f64::INFINITY;
 
@@ -179,13 +185,17 @@ impl Simulation {
         each!(&mut self.core, trajectory => {
             trajectory.state[CONTRACTION] = contraction;
             trajectory.state[CONTRACTION_RATE] = rate_per_s;
+            trajectory.rates = None;
         });
     }
 
     /// Sets the pressure where it is an input.
     pub fn prescribe_pressure(&mut self, pressure: GaugePa<f64>) {
         let absolute = pressure.to_absolute(self.plant.atmospheric);
-        each!(&mut self.core, trajectory => trajectory.state[PRESSURE] = absolute.0);
+        each!(&mut self.core, trajectory => {
+            trajectory.state[PRESSURE] = absolute.0;
+            trajectory.rates = None;
+        });
     }
 
     /// The plant.
@@ -230,7 +240,7 @@ impl Simulation {
 
     /// How the weight moves.
     pub fn motion(&self) -> Motion {
-        each!(&self.core, trajectory => trajectory.motion)
+        each!(&self.core, trajectory => trajectory.regime.motion)
     }
 
     /// What the integrator did so far.
@@ -247,13 +257,26 @@ impl Simulation {
 struct Trajectory<const N: usize> {
     time_s: f64,
     state: [f64; N],
-    motion: Motion,
+    regime: Regime,
+    /// Rates of the state, where they are known for the drive.
+    rates: Option<(Drive, [f64; N])>,
     /// Per state: 1 over the error that is allowed.
     per_error: [f64; N],
+    /// A flow within this is no reversal \[kg/s\].
+    flow_error_kg_per_s: f64,
     /// The step that fitted after the last jump of the drive, and the one that fits now \[s\].
     step_s_after_jump: f64,
     step_s: f64,
     work: Work,
+}
+
+/// What ends a regime.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Event {
+    /// The weight stops, meets the stop, or breaks away.
+    Motion,
+    /// The flow into the muscle reverses.
+    Flow,
 }
 
 impl<const N: usize> Trajectory<N> {
@@ -268,17 +291,24 @@ impl<const N: usize> Trajectory<N> {
         for (per_error, range) in per_error.iter_mut().zip(RANGES) {
             *per_error /= range;
         }
+        let valve = plant.pneumatics.as_ref().map(|part| &part.valve);
+        let flow_gain = valve.map_or(0.0, |valve| valve.flow_gain_kg_per_pa_s);
         let mut trajectory = Box::new(Trajectory {
             time_s: initial.time_s,
             state,
-            motion: Motion::Stuck,
+            regime: Regime {
+                motion: Motion::Stuck,
+                charging: false,
+            },
+            rates: None,
             per_error,
+            flow_error_kg_per_s: flow_gain * tolerance * RANGES[PRESSURE],
             step_s_after_jump: 1e-3,
             step_s: 1e-3,
             work: Work::default(),
         });
         if let Some(load) = &plant.load {
-            trajectory.motion = if initial.contraction_rate_per_s > 0.0 {
+            trajectory.regime.motion = if initial.contraction_rate_per_s > 0.0 {
                 Motion::Rising
             } else if initial.contraction_rate_per_s < 0.0 {
                 Motion::Falling
@@ -314,25 +344,42 @@ impl<const N: usize> Trajectory<N> {
         if worst.is_nan() { REFUSED } else { worst }
     }
 
+    /// The rates at the begin of an advance. After a jump of the drive the flow has its sign anew,
+    /// and the step is the one that fitted after the last jump.
+    fn first_rates(&mut self, plant: &Plant, drive: &Drive) -> [f64; N] {
+        match self.rates.take() {
+            Some((known, rates)) if known == *drive => rates,
+            _ => {
+                let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
+                self.regime.charging = flow > 0.0;
+                self.step_s = self.step_s_after_jump;
+                self.work.evaluations += 1;
+                plant.rates(self.time_s, drive, self.regime, &self.state)
+            }
+        }
+    }
+
     fn advance(
         &mut self,
         plant: &Plant,
         drive: &Drive,
         until_s: f64,
     ) -> Result<(), SimulationError> {
-        let mut rate = plant.rates(self.time_s, drive, self.motion, &self.state);
-        self.work.evaluations += 1;
-        self.step_s = self.step_s_after_jump;
-        let mut after_jump = true;
+        let mut after_jump = self.rates.as_ref().is_none_or(|(known, _)| known != drive);
+        let mut rates = self.first_rates(plant, drive);
         let mut events = 0;
         while self.time_s < until_s {
             let remaining_s = until_s - self.time_s;
             // Equal steps to the end, rather than a short last one.
-            let steps = (remaining_s / self.step_s).ceil().max(1.0);
+            let steps = if remaining_s <= self.step_s {
+                1.0
+            } else {
+                (remaining_s / self.step_s).ceil()
+            };
             let length_s = remaining_s / steps;
-            let motion = self.motion;
-            let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, motion, state);
-            let step = Step::take(f, self.time_s, &self.state, &rate, length_s);
+            let regime = self.regime;
+            let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
+            let step = Step::take(f, self.time_s, &self.state, &rates, length_s);
             self.work.evaluations += 6;
             let error = self.relative_error(&step);
             let fitting_s = length_s * growth(error);
@@ -340,11 +387,8 @@ impl<const N: usize> Trajectory<N> {
                 self.work.refused += 1;
                 self.step_s = fitting_s;
                 if length_s < STEP_S_MIN {
-                    let time_s = self.time_s;
-                    return Err(SimulationError::NoStep {
-                        time_s,
-                        step_s: length_s,
-                    });
+                    let (time_s, step_s) = (self.time_s, length_s);
+                    return Err(SimulationError::NoStep { time_s, step_s });
                 }
                 continue;
             }
@@ -354,11 +398,7 @@ impl<const N: usize> Trajectory<N> {
                 after_jump = false;
             }
             self.step_s = fitting_s;
-            let event = plant
-                .load
-                .as_ref()
-                .and_then(|load| self.event(plant, load, &step));
-            match event {
+            match self.event(plant, drive, &step) {
                 None => {
                     self.time_s = if steps == 1.0 {
                         until_s
@@ -366,75 +406,117 @@ impl<const N: usize> Trajectory<N> {
                         self.time_s + length_s
                     };
                     self.state = step.end;
-                    rate = step.rates[6];
+                    rates = step.rates[6];
                 }
-                Some(fraction) => {
+                Some((fraction, event)) => {
                     self.time_s += fraction * length_s;
                     self.state = step.interpolate(fraction);
-                    self.change_motion(plant);
-                    rate = plant.rates(self.time_s, drive, self.motion, &self.state);
+                    match event {
+                        Event::Motion => self.change_motion(plant),
+                        Event::Flow => self.regime.charging = !self.regime.charging,
+                    }
+                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
                     self.work.evaluations += 1;
                     self.work.events += 1;
                     events += 1;
                     if events > EVENTS_MAX {
-                        return Err(SimulationError::Chatter {
-                            time_s: self.time_s,
-                        });
+                        let time_s = self.time_s;
+                        return Err(SimulationError::Chatter { time_s });
                     }
                 }
             }
-            plant.update_terms(Update::Commit, self.time_s, drive, &mut self.state);
+            if N > NOMINAL_STATES {
+                let before = self.state;
+                plant.update_terms(Update::Commit, self.time_s, drive, &mut self.state);
+                if self.state != before {
+                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
+                    self.work.evaluations += 1;
+                }
+            }
         }
+        self.rates = Some((*drive, rates));
         Ok(())
     }
 
-    /// Where in `step` the motion changes first, as a fraction of it.
+    /// What ends the regime first in `step`, and where, as a fraction of it.
     #[inline]
-    fn event(&self, plant: &Plant, load: &LoadBlock, step: &Step<N>) -> Option<f64> {
-        match self.motion {
+    fn event(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<(f64, Event)> {
+        let motion = plant.load.as_ref().and_then(|load| {
+            let end = self.motion_end(plant, load, step)?;
+            Some((end, Event::Motion))
+        });
+        let flow = self
+            .flow_end(plant, drive, step)
+            .map(|end| (end, Event::Flow));
+        match (motion, flow) {
+            (Some(motion), Some(flow)) if flow.0 < motion.0 => Some(flow),
+            (motion, flow) => motion.or(flow),
+        }
+    }
+
+    /// Where in `step` the flow has reversed.
+    #[inline]
+    fn flow_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
+        plant.pneumatics.as_ref()?;
+        let sign = if self.regime.charging { 1.0 } else { -1.0 };
+        let margin = |fraction: f64, state: &[f64]| {
+            let time_s = self.time_s + fraction * step.length_s;
+            sign * plant.flow_kg_per_s(time_s, drive, state) + self.flow_error_kg_per_s
+        };
+        (margin(1.0, &step.end) < 0.0).then(|| {
+            bracket(1.0, FLOW_FRACTION, |fraction| {
+                margin(fraction, &step.interpolate(fraction))
+            })
+            .1
+        })
+    }
+
+    /// Where in `step` the weight stops, meets the stop, or breaks away.
+    #[inline]
+    fn motion_end(&self, plant: &Plant, load: &LoadBlock, step: &Step<N>) -> Option<f64> {
+        let (begin, end) = (&step.rates[0], &step.rates[6]);
+        let sign = match self.regime.motion {
             Motion::Stuck => {
-                let held = |fraction: f64, state: &[f64; N]| {
+                let margin = |fraction: f64, state: &[f64]| {
                     let time_s = self.time_s + fraction * step.length_s;
-                    plant.breakaway_n(load, time_s, state).0 <= 0.0
+                    -plant.breakaway_n(load, time_s, state).0
                 };
+                let margin_at = |fraction: f64| margin(fraction, &step.interpolate(fraction));
                 // The pressure may pass a maximum within the step: look at its middle too.
-                let turns = step.rates[0][PRESSURE] * step.rates[6][PRESSURE] < 0.0;
-                if turns && !held(0.5, &step.interpolate(0.5)) {
-                    Some(last(0.5, |fraction| held(fraction, &step.interpolate(fraction))).1)
-                } else if !held(1.0, &step.end) {
-                    Some(last(1.0, |fraction| held(fraction, &step.interpolate(fraction))).1)
+                let turns = begin[PRESSURE] * end[PRESSURE] < 0.0;
+                return if turns && margin_at(0.5) < 0.0 {
+                    Some(bracket(0.5, MOTION_FRACTION, margin_at).1)
+                } else if margin(1.0, &step.end) < 0.0 {
+                    Some(bracket(1.0, MOTION_FRACTION, margin_at).1)
                 } else {
                     None
-                }
+                };
             }
-            Motion::Rising | Motion::Falling => {
-                let sign = if self.motion == Motion::Rising {
-                    1.0
-                } else {
-                    -1.0
-                };
-                let moves = |state: &[f64; N]| {
-                    sign * state[CONTRACTION_RATE] >= 0.0
-                        && (sign > 0.0 || state[CONTRACTION] >= 0.0)
-                };
-                let moves_at = |fraction: f64| moves(&step.interpolate(fraction));
-                if !moves(&step.end) {
-                    return Some(last(1.0, moves_at).0);
-                }
-                // The speed may pass through zero and back within the step.
-                let (begin, end) = (&step.rates[0], &step.rates[6]);
-                let dips =
-                    sign * begin[CONTRACTION_RATE] < 0.0 && sign * end[CONTRACTION_RATE] > 0.0;
-                if dips {
-                    let slopes = (begin[CONTRACTION_RATE], end[CONTRACTION_RATE]);
-                    let lowest = slopes.0 / (slopes.0 - slopes.1);
-                    if !moves_at(lowest) {
-                        return Some(last(lowest, moves_at).0);
-                    }
-                }
-                None
+            Motion::Rising => 1.0,
+            Motion::Falling => -1.0,
+        };
+        // The stop ends a fall as well as standstill does.
+        let margin = |state: &[f64; N]| {
+            let speed_per_s = sign * state[CONTRACTION_RATE];
+            if sign > 0.0 {
+                speed_per_s
+            } else {
+                speed_per_s.min(state[CONTRACTION])
+            }
+        };
+        let margin_at = |fraction: f64| margin(&step.interpolate(fraction));
+        if margin(&step.end) < 0.0 {
+            return Some(bracket(1.0, MOTION_FRACTION, margin_at).0);
+        }
+        // The speed may pass through zero and back within the step.
+        if sign * begin[CONTRACTION_RATE] < 0.0 && sign * end[CONTRACTION_RATE] > 0.0 {
+            let slopes = [begin, end].map(|rates| sign * step.length_s * rates[CONTRACTION_RATE]);
+            let lowest = lowest(margin(&step.begin), margin(&step.end), slopes, margin_at);
+            if margin_at(lowest) < 0.0 {
+                return Some(bracket(lowest, MOTION_FRACTION, margin_at).0);
             }
         }
+        None
     }
 
     /// Brings a weight that has just stopped, met the stop, or broken away into its next motion.
@@ -442,10 +524,10 @@ impl<const N: usize> Trajectory<N> {
         let Some(load) = &plant.load else { return };
         self.state[CONTRACTION_RATE] = 0.0;
         // The stop takes the weight without a bounce.
-        if self.motion == Motion::Falling && self.state[CONTRACTION] < CONTACT {
+        if self.regime.motion == Motion::Falling && self.state[CONTRACTION] < CONTACT {
             self.state[CONTRACTION] = 0.0;
         }
-        self.motion = self.at_rest(plant, load);
+        self.regime.motion = self.at_rest(plant, load);
     }
 }
 
@@ -455,20 +537,64 @@ const CONTACT: f64 = 1e-12;
 /// Factor on the step, from the error relative to the allowed one, for a method of order 5.
 #[inline]
 fn growth(error: f64) -> f64 {
-    (SAFETY * error.powf(-0.2)).clamp(GROWTH_MIN, GROWTH_MAX)
+    // Most steps of a weight at rest: spares the power.
+    if error < ERROR_NEGLIGIBLE {
+        return GROWTH_MAX;
+    }
+    // Single precision is plenty, and cheaper.
+    let fitting = f64::from((error as f32).powf(-0.2));
+    (SAFETY * fitting).clamp(GROWTH_MIN, GROWTH_MAX)
 }
 
-/// Bisects [0, `to`], with `holds` at 0 and not at `to`: the last place where it holds, and the
-/// first where it does not, 2⁻⁴⁵ apart.
-fn last(to: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
+/// The place in [0, 1] where `value` is lowest, from its ends and its slopes there, of which the
+/// first falls and the second rises: that of the cubic through them, made better by a
+/// parabola about it.
+fn lowest(begin: f64, end: f64, slopes: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
+    let cubic = slopes[0] + slopes[1] + 2.0 * (begin - end);
+    let square = 3.0 * (end - begin) - 2.0 * slopes[0] - slopes[1];
+    let root = (square * square - 3.0 * cubic * slopes[0]).max(0.0).sqrt();
+    let lowest = (-slopes[0] / (square + root)).clamp(0.01, 0.99);
+    let reach = 0.1 * lowest.min(1.0 - lowest);
+    let [left, middle, right] = [lowest - reach, lowest, lowest + reach].map(value);
+    let curvature = left - 2.0 * middle + right;
+    if curvature > 0.0 {
+        lowest + (0.5 * reach * (left - right) / curvature).clamp(-reach, reach)
+    } else {
+        lowest
+    }
+}
+
+/// Narrows [0, `to`], where `margin` is ≥ 0 at 0 and below at `to`, to `width_max`: the last place
+/// where it is not negative and the first where it is. By the method of Oliveira and Takahashi
+/// (ITP, ACM TOMS 47 (2020) 5): the steps of regula falsi, one more than bisection's at most.
+fn bracket(to: f64, width_max: f64, margin: impl Fn(f64) -> f64) -> (f64, f64) {
     let (mut yes, mut no) = (0.0, to);
-    for _ in 0..BISECTIONS {
-        let middle = 0.5 * (yes + no);
-        if holds(middle) {
-            yes = middle;
+    let (mut margin_yes, mut margin_no) = (margin(yes).max(0.0), margin(no));
+    let mut radius = to;
+    while no - yes > width_max {
+        let (width, middle) = (no - yes, 0.5 * (yes + no));
+        let falsi = (yes * margin_no - no * margin_yes) / (margin_no - margin_yes);
+        let truncation = (0.2 * width * width / to).min((middle - falsi).abs());
+        let toward = (middle - falsi).signum();
+        let truncated = falsi + toward * truncation;
+        let place = if (truncated - middle).abs() <= radius - 0.5 * width + width_max {
+            truncated
         } else {
-            no = middle;
+            middle - toward * (radius - 0.5 * width + width_max)
+        };
+        // Rounding must not leave the bracket, nor stand on its edge.
+        let place = if place > yes && place < no {
+            place
+        } else {
+            middle
+        };
+        let found = margin(place);
+        if found >= 0.0 {
+            (yes, margin_yes) = (place, found);
+        } else {
+            (no, margin_no) = (place, found);
         }
+        radius *= 0.5;
     }
     (yes, no)
 }

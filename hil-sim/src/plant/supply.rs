@@ -31,10 +31,9 @@ impl SupplyBlock {
     /// Supply pressure at the valve.
     #[inline]
     pub fn pressure(&self, at: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
-        let mut supply = self.nominal;
-        for (term, own) in self.terms.iter(state) {
-            supply = term.pressure(at, own, supply);
-        }
-        supply
+        self.terms
+            .change(at, state, self.nominal, |term, at, own, supply| {
+                term.pressure(at, own, supply)
+            })
     }
 }

@@ -74,6 +74,38 @@ impl<T: ?Sized> Terms<T> {
         })
     }
 
+    /// `nominal` as the terms change it, one after the other, at what the block sees.
+    // `at` goes by value into the slow path alone, so that a nominal block keeps it in registers.
+    #[inline]
+    pub fn change<Point: Copy, V>(
+        &self,
+        at: &Point,
+        state: &[f64],
+        nominal: V,
+        change: impl Fn(&T, &Point, &[f64], V) -> V,
+    ) -> V {
+        if self.slots.is_empty() {
+            nominal
+        } else {
+            self.change_each(*at, state, nominal, change)
+        }
+    }
+
+    #[inline(never)]
+    fn change_each<Point, V>(
+        &self,
+        at: Point,
+        state: &[f64],
+        nominal: V,
+        change: impl Fn(&T, &Point, &[f64], V) -> V,
+    ) -> V {
+        let mut value = nominal;
+        for (term, own) in self.iter(state) {
+            value = change(term, &at, own, value);
+        }
+        value
+    }
+
     /// Writes the rates of the terms' states into their places of `rates`.
     #[inline]
     pub fn rates<Point>(&self, at: &Point, state: &[f64], rates: &mut [f64])

@@ -44,15 +44,14 @@ impl ValveBlock {
     /// valve cannot fill above its supply nor draw below the atmosphere.
     #[inline]
     pub fn flow_kg_per_s(&self, at: &ValvePoint, state: &[f64]) -> f64 {
-        let mut reference = at.reference;
-        for (term, own) in self.terms.iter(state) {
-            reference = term.reference(at, own, reference);
-        }
+        let terms = &self.terms;
+        let reference = terms.change(at, state, at.reference, |term, at, own, reference| {
+            term.reference(at, own, reference)
+        });
         let limited = GaugePa(reference.0.min(at.supply.0).max(0.0));
-        let mut flow = mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port);
-        for (term, own) in self.terms.iter(state) {
-            flow = term.flow_kg_per_s(at, own, flow);
-        }
-        flow
+        let flow = mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port);
+        terms.change(at, state, flow, |term, at, own, flow| {
+            term.flow_kg_per_s(at, own, flow)
+        })
     }
 }

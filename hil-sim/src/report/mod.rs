@@ -169,6 +169,22 @@ fn escaped(text: &str) -> String {
     escaped
 }
 
+/// A cell as HTML shows it, units kept on the line of their number.
+fn cell(text: &str) -> String {
+    let mut cell = String::with_capacity(text.len());
+    let mut rest = text.chars().peekable();
+    while let Some(character) = rest.next() {
+        let after_digit = cell.ends_with(|last: char| last.is_ascii_digit());
+        let before_letter = rest.peek().is_some_and(|next| next.is_alphabetic());
+        if character == ' ' && after_digit && before_letter {
+            cell.push('\u{a0}');
+        } else {
+            cell.push(character);
+        }
+    }
+    escaped(&cell)
+}
+
 impl Report {
     /// The report as one HTML file.
     pub fn to_html(&self) -> String {
@@ -227,7 +243,8 @@ impl Report {
         }
         writeln!(
             html,
-            "<p class=\"hint\">In the plots: drag to zoom, double-click to see all again.</p></footer>"
+            "<p class=\"hint\">In the plots: point or tap for values, drag to zoom, double-click \
+             to see all again; a name in the legend hides its line.</p></footer>"
         )
     }
 
@@ -271,13 +288,13 @@ impl Table {
         writeln!(html, "</tr></thead><tbody>")?;
         for row in &self.rows {
             write!(html, "<tr>")?;
-            for (number, cell) in row.iter().enumerate() {
+            for (number, text) in row.iter().enumerate() {
                 let (tag, scope) = if number == 0 {
                     ("th", " scope=\"row\"")
                 } else {
                     ("td", "")
                 };
-                write!(html, "<{tag}{scope}>{}</{tag}>", escaped(cell))?;
+                write!(html, "<{tag}{scope}>{}</{tag}>", cell(text))?;
             }
             writeln!(html, "</tr>")?;
         }
@@ -354,6 +371,12 @@ mod tests {
     #[test]
     fn numbers_are_short_and_gaps_are_null() {
         assert!(sample().to_html().contains("\"y\":[0.333333,null]"));
+    }
+
+    #[test]
+    fn units_stay_with_their_numbers() {
+        assert_eq!(cell("4.00 Hz"), "4.00\u{a0}Hz");
+        assert_eq!(cell("valve A: 3 < 4"), "valve A: 3 &lt; 4");
     }
 
     #[test]

@@ -1,0 +1,144 @@
+//! The gap between a simulated record and the measured one.
+
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use crate::report::{Axis, Plot, Report, Section, Series, Table};
+use serde::Serialize;
+
+/// The signals that are compared, and how they are shown: name, unit, shown value over SI value.
+const SIGNALS: [(&str, &str, &str, f64); 3] = [
+    (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
+    (CONTRACTION, "contraction", "%", 100.0),
+    (FORCE_N, "force", "N", 1.0),
+];
+
+/// Points that a plotted line keeps: more than a screen has columns.
+const POINTS_MAX: usize = 4000;
+
+/// The gap of one signal, in the column's unit.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Gap {
+    /// The column.
+    pub signal: &'static str,
+    /// Samples that were measured.
+    pub samples: usize,
+    /// Root mean square of simulated − measured.
+    pub rms: f64,
+    /// Largest magnitude of it.
+    pub max: f64,
+    /// Largest less smallest measured value.
+    pub range: f64,
+}
+
+/// The gap of each signal that was measured and that is no input of the simulation.
+pub fn gaps(measured: &Record, simulated: &Record) -> Vec<Gap> {
+    let gaps = SIGNALS.iter().filter_map(|(signal, ..)| {
+        let (measured, simulated) = (measured.column(signal)?, simulated.column(signal)?);
+        let pairs = measured.iter().zip(simulated);
+        let (mut squares, mut max, mut samples) = (0.0, 0.0_f64, 0);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (measured, simulated) in pairs.filter(|(measured, _)| !measured.is_nan()) {
+            let gap = simulated - measured;
+            squares += gap * gap;
+            max = max.max(gap.abs());
+            (low, high) = (low.min(*measured), high.max(*measured));
+            samples += 1;
+        }
+        // An input is repeated as it came.
+        (samples > 0 && max > 0.0).then(|| Gap {
+            signal,
+            samples,
+            rms: (squares / samples as f64).sqrt(),
+            max,
+            range: high - low,
+        })
+    });
+    gaps.collect()
+}
+
+/// A line thinned to what can be seen: of each stretch its lowest and its highest point.
+fn seen(name: &str, time_s: &[f64], values: &[f64]) -> Series {
+    let stretch = (2 * values.len()).div_ceil(POINTS_MAX).max(1);
+    if stretch == 1 {
+        return Series::new(name, time_s.to_vec(), values.to_vec());
+    }
+    let (mut x, mut y) = (Vec::new(), Vec::new());
+    for (times_s, values) in time_s.chunks(stretch).zip(values.chunks(stretch)) {
+        let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        let low = (0..values.len()).min_by(by_value).unwrap_or(0);
+        let high = (0..values.len()).max_by(by_value).unwrap_or(0);
+        for place in [low.min(high), low.max(high)] {
+            x.push(times_s[place]);
+            y.push(values[place]);
+        }
+    }
+    Series::new(name, x, y)
+}
+
+/// A number with the four digits that say something.
+fn significant(value: f64) -> String {
+    let before_point = value.abs().max(1e-9).log10().floor() as i32;
+    format!("{value:.*}", (3 - before_point).clamp(0, 9) as usize)
+}
+
+/// Both records in plots, with their gaps in a table.
+pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
+    let time_s = measured.time_s();
+    let mut plots = Vec::new();
+    let mut rows = Vec::new();
+    let mut verdict = Vec::new();
+    for gap in gaps {
+        let shown = SIGNALS.iter().find(|(signal, ..)| *signal == gap.signal);
+        let (Some((_, name, unit, factor)), Some(was), Some(is)) = (
+            shown,
+            measured.column(gap.signal),
+            simulated.column(gap.signal),
+        ) else {
+            continue;
+        };
+        let percent = 100.0 * gap.rms / gap.range;
+        let number = |value: f64| format!("{} {unit}", significant(factor * value));
+        verdict.push(format!(
+            "The simulated {name} misses the measured one by {} RMS, {percent:.1} % of its range.",
+            number(gap.rms)
+        ));
+        rows.push(vec![
+            (*name).into(),
+            number(gap.rms),
+            number(gap.max),
+            number(gap.range),
+        ]);
+        let differences: Vec<f64> = is.iter().zip(was).map(|(is, was)| is - was).collect();
+        let plot = |title: String, series: Vec<Series>| Plot {
+            title,
+            caption: String::new(),
+            x: Axis::new("time", "s", 1.0),
+            y: Axis::new(name, unit, *factor),
+            series,
+            markers: Vec::new(),
+            sync: Some("gap".into()),
+        };
+        let lines = vec![
+            seen("measured", time_s, was),
+            seen("simulated", time_s, is).dashed(),
+        ];
+        plots.push(plot(format!("Measured and simulated {name}"), lines));
+        let gap = seen("simulated − measured", time_s, &differences);
+        plots.push(plot(format!("Gap in {name}"), vec![gap]));
+    }
+    let columns = ["signal", "RMS of the gap", "largest", "measured range"];
+    Report {
+        title: "Simulated against measured".into(),
+        verdict,
+        sections: vec![Section {
+            heading: "Signals".into(),
+            text: Vec::new(),
+            tables: vec![Table {
+                caption: "The gap of each measured signal that is no input".into(),
+                columns: columns.map(String::from).to_vec(),
+                rows,
+            }],
+            plots,
+        }],
+        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+    }
+}

@@ -1,0 +1,63 @@
+//! `simulate` against an independent solution of the same equations (tests/reference).
+
+use hil_sim::plant::simulation::TOLERANCE;
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use hil_sim::rig::{Load, Rig};
+use hil_sim::simulate::simulate;
+use std::path::Path;
+
+/// Largest difference that is allowed, relative to the range of the signal in the reference.
+const RELATIVE: f64 = 1e-3;
+
+/// Largest difference of two columns, relative to the range of `reference`'s.
+fn relative_gap(reference: &Record, simulated: &Record, column: &str) -> f64 {
+    let expected = reference.require(column).expect("the reference's column");
+    let found = simulated.require(column).expect("the simulated column");
+    assert_eq!(expected.len(), found.len());
+    let (min, max) = expected
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| {
+            (min.min(*value), max.max(*value))
+        });
+    let gaps = expected.iter().zip(found).map(|(a, b)| (a - b).abs());
+    gaps.fold(0.0, f64::max) / (max - min)
+}
+
+fn check(case: &Path) {
+    let rig = Rig::read(&case.join("rig.toml")).expect("a rig");
+    let drive = Record::read(&case.join("drive.csv")).expect("a drive");
+    let reference = Record::read(&case.join("expected.csv")).expect("a solution");
+    let simulated = simulate(&rig, &drive, TOLERANCE).expect("simulated");
+    let mut gaps = Vec::new();
+    if rig.valve.is_some() && drive.column("pressure_ref_pa").is_some() {
+        gaps.push((
+            PRESSURE_PA,
+            relative_gap(&reference, &simulated, PRESSURE_PA),
+        ));
+    }
+    if matches!(rig.load, Load::Weight(_)) {
+        gaps.push((
+            CONTRACTION,
+            relative_gap(&reference, &simulated, CONTRACTION),
+        ));
+    } else {
+        gaps.push((FORCE_N, relative_gap(&reference, &simulated, FORCE_N)));
+    }
+    for (column, gap) in gaps {
+        println!("{}: {column} within {gap:.1e} of its range", case.display());
+        assert!(gap < RELATIVE, "{}: {column} {gap:.1e}", case.display());
+    }
+}
+
+#[test]
+fn simulate_agrees_with_the_reference_solutions() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference");
+    let mut cases: Vec<_> = std::fs::read_dir(&folder)
+        .expect("the reference solutions")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.is_dir())
+        .collect();
+    cases.sort();
+    assert!(cases.len() >= 10, "{} cases", cases.len());
+    cases.iter().for_each(|case| check(case));
+}

@@ -1,0 +1,610 @@
+//! The report as a person has it: in Chromium, driven over its DevTools protocol.
+
+use hil_sim::closed_loop::Experiment;
+use hil_sim::design_report::{Question, design_report};
+use hil_sim::paper::paper;
+use hil_sim::report::{Plot, Report, Series};
+use hil_sim::rig::Rig;
+use serde_json::{Value, json};
+use std::collections::HashSet;
+use std::io::Write;
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+use tungstenite::{Message, WebSocket};
+
+/// Longest that the browser may take for anything.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Contrast that WCAG 2 asks of text, and of the lines of a plot.
+const TEXT_CONTRAST: f64 = 4.5;
+const LINE_CONTRAST: f64 = 3.0;
+
+/// What several tests ask of the page.
+const HELPERS: &str = r#"
+const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+const pixels = (canvas) => {
+  [pen.canvas.width, pen.canvas.height] = [canvas.width, canvas.height];
+  pen.drawImage(canvas, 0, 0);
+  return pen.getImageData(0, 0, canvas.width, canvas.height).data;
+};
+const rgba = (css) => {
+  pen.canvas.width = pen.canvas.height = 1;
+  pen.fillStyle = css;
+  pen.fillRect(0, 0, 1, 1);
+  return [...pen.getImageData(0, 0, 1, 1).data];
+};
+const luminance = (css) => {
+  const [r, g, b] = rgba(css).map((c) => c / 255)
+    .map((c) => (c <= 0.03928 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const contrast = (one, other) => {
+  const [dark, light] = [luminance(one), luminance(other)].sort((a, b) => a - b);
+  return (light + 0.05) / (dark + 0.05);
+};
+const ground = (element) => {
+  for (let at = element; at; at = at.parentElement) {
+    const color = getComputedStyle(at).backgroundColor;
+    if (rgba(color)[3] === 255) return color;
+  }
+  return "white";
+};
+// Pixels of every line's own colour.
+const drawn = () => charts().map((chart) => {
+  const data = pixels(chart.ctx.canvas);
+  return chart.series.slice(1).map((series) => {
+    const color = rgba(series.stroke(chart, chart.series.indexOf(series)));
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      count += data[i + 3] > 200 && [0, 1, 2].every((c) => Math.abs(data[i + c] - color[c]) < 24);
+    }
+    return count;
+  });
+});
+"#;
+
+/// A page of a browser of its own.
+struct Page {
+    browser: Child,
+    _profile: TempDir,
+    socket: WebSocket<TcpStream>,
+    session: Option<String>,
+    calls: u64,
+    events: Vec<Value>,
+}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        let _ = self.browser.kill();
+        let _ = self.browser.wait();
+    }
+}
+
+impl Page {
+    /// Opens `url` as on a desktop.
+    fn open(chromium: &Path, url: &str) -> Page {
+        let profile = TempDir::new().expect("a folder");
+        let browser = Command::new(chromium)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--no-first-run",
+            ])
+            .args([
+                "--disable-background-networking",
+                "--disable-component-update",
+            ])
+            .args([
+                "--disable-sync",
+                "--disable-quic",
+                "--remote-debugging-port=0",
+            ])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("Chromium starts");
+        let socket = connect(profile.path());
+        let mut page = Page {
+            browser,
+            _profile: profile,
+            socket,
+            session: None,
+            calls: 0,
+            events: Vec::new(),
+        };
+        let target = page.call("Target.createTarget", json!({"url": "about:blank"}));
+        let attach = json!({"targetId": target["targetId"], "flatten": true});
+        let attached = page.call("Target.attachToTarget", attach);
+        page.session = attached["sessionId"].as_str().map(String::from);
+        for domain in ["Page", "Runtime", "Log", "Network"] {
+            page.call(&format!("{domain}.enable"), json!({}));
+        }
+        page.size(1280, false);
+        page.call("Page.navigate", json!({"url": url}));
+        page.wait_for("Page.loadEventFired");
+        page.evaluate(HELPERS);
+        page.settle();
+        page
+    }
+
+    fn read(&mut self) -> Value {
+        let message = self.socket.read().expect("the browser answers");
+        serde_json::from_str(message.to_text().expect("text")).expect("JSON")
+    }
+
+    /// Calls a method of the protocol; events that come meanwhile are kept.
+    fn call(&mut self, method: &str, params: Value) -> Value {
+        self.calls += 1;
+        let mut request = json!({"id": self.calls, "method": method, "params": params});
+        if let Some(session) = &self.session {
+            request["sessionId"] = json!(session);
+        }
+        let request = Message::text(request.to_string());
+        self.socket.send(request).expect("the browser listens");
+        loop {
+            let mut answer = self.read();
+            if answer["id"] == json!(self.calls) {
+                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
+                return answer["result"].take();
+            }
+            self.events.push(answer);
+        }
+    }
+
+    fn wait_for(&mut self, event: &str) {
+        while !self.events.iter().any(|seen| seen["method"] == event) {
+            let event = self.read();
+            self.events.push(event);
+        }
+    }
+
+    /// The value of `script`, waited for if it is a promise.
+    fn evaluate(&mut self, script: &str) -> Value {
+        let mut answer = self.call(
+            "Runtime.evaluate",
+            json!({"expression": script, "returnByValue": true, "awaitPromise": true}),
+        );
+        let exception = &answer["exceptionDetails"];
+        assert!(exception.is_null(), "{script}: {exception}");
+        answer["result"]["value"].take()
+    }
+
+    fn numbers(&mut self, script: &str) -> Vec<f64> {
+        let value = self.evaluate(script);
+        serde_json::from_value(value).unwrap_or_else(|error| panic!("{script}: {error}"))
+    }
+
+    fn strings(&mut self, script: &str) -> Vec<String> {
+        let value = self.evaluate(script);
+        serde_json::from_value(value).unwrap_or_else(|error| panic!("{script}: {error}"))
+    }
+
+    /// Waits until what was changed is on the screen.
+    fn settle(&mut self) {
+        self.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))");
+    }
+
+    fn size(&mut self, width: u32, phone: bool) {
+        let scale = if phone { 3 } else { 1 };
+        let size = json!({
+            "width": width, "height": 844, "deviceScaleFactor": scale, "mobile": phone
+        });
+        self.call("Emulation.setDeviceMetricsOverride", size);
+        self.call(
+            "Emulation.setTouchEmulationEnabled",
+            json!({"enabled": phone}),
+        );
+    }
+
+    fn media(&mut self, media: &str, scheme: &str) {
+        let features = json!([{"name": "prefers-color-scheme", "value": scheme}]);
+        let emulated = json!({"media": media, "features": features});
+        self.call("Emulation.setEmulatedMedia", emulated);
+        self.settle();
+    }
+
+    /// Where on the screen `fraction` of the width of a plot is.
+    fn point(&mut self, chart: usize, fraction: f64) -> [f64; 2] {
+        let script = format!(
+            "(() => {{
+               const over = charts()[{chart}].over;
+               over.scrollIntoView({{ block: 'center' }});
+               const place = over.getBoundingClientRect();
+               return [place.left + {fraction} * place.width, place.top + place.height / 2];
+             }})()"
+        );
+        let point = self.numbers(&script).try_into().expect("x and y");
+        self.settle();
+        point
+    }
+
+    fn mouse(&mut self, kind: &str, [x, y]: [f64; 2], clicks: u32) {
+        let event = json!({
+            "type": kind, "x": x, "y": y, "button": if clicks > 0 { "left" } else { "none" },
+            "buttons": u32::from(clicks > 0 && kind != "mouseReleased"), "clickCount": clicks
+        });
+        self.call("Input.dispatchMouseEvent", event);
+    }
+
+    fn tap(&mut self, [x, y]: [f64; 2]) {
+        let touch = json!({"type": "touchStart", "touchPoints": [{"x": x, "y": y}]});
+        self.call("Input.dispatchTouchEvent", touch);
+        let touch = json!({"type": "touchEnd", "touchPoints": []});
+        self.call("Input.dispatchTouchEvent", touch);
+        self.settle();
+    }
+
+    fn legend(&mut self, chart: usize) -> Vec<String> {
+        self.strings(&format!(
+            "[...charts()[{chart}].root.querySelectorAll('.u-value')].map((v) => v.textContent)"
+        ))
+    }
+
+    /// From and to of every plot's abscissa.
+    fn ranges(&mut self) -> Vec<[f64; 2]> {
+        let script = "charts().flatMap(({ scales: { x } }) => [x.min, x.max])";
+        self.numbers(script).as_chunks::<2>().0.to_vec()
+    }
+
+    /// Every line of every plot has left its colour.
+    fn assert_drawn(&mut self, report: &Report) {
+        let counts: Vec<Vec<u32>> =
+            serde_json::from_value(self.evaluate("drawn()")).expect("counts");
+        let plots = plots(report);
+        assert_eq!(counts.len(), plots.len());
+        for (plot, counts) in plots.iter().zip(counts) {
+            assert_eq!(counts.len(), plot.series.len(), "{}", plot.title);
+            for (series, count) in plot.series.iter().zip(counts) {
+                let (title, name) = (&plot.title, &series.name);
+                assert!(count >= 10, "{title}: {count} pixels of {name}");
+            }
+        }
+    }
+
+    /// The page wrote nothing to the console and asked for nothing but itself.
+    fn assert_quiet(&self, url: &str) {
+        for event in &self.events {
+            let params = &event["params"];
+            match event["method"].as_str() {
+                Some("Runtime.consoleAPICalled" | "Runtime.exceptionThrown" | "Log.entryAdded") => {
+                    panic!("console: {params}");
+                }
+                Some("Network.requestWillBeSent") => {
+                    assert_eq!(params["request"]["url"], url, "a request");
+                }
+                Some("Network.webSocketCreated") => panic!("a request: {params}"),
+                _ => {}
+            }
+        }
+    }
+}
+
+/// The socket of the browser that writes its address into `profile`.
+fn connect(profile: &Path) -> WebSocket<TcpStream> {
+    let start = Instant::now();
+    loop {
+        let address = std::fs::read_to_string(profile.join("DevToolsActivePort"));
+        if let Some((port, path)) = address
+            .as_deref()
+            .ok()
+            .and_then(|text| text.split_once('\n'))
+            && path.starts_with('/')
+        {
+            let stream = TcpStream::connect(format!("127.0.0.1:{port}")).expect("the browser");
+            stream.set_read_timeout(Some(PATIENCE)).expect("a timeout");
+            let url = format!("ws://127.0.0.1:{port}{}", path.trim());
+            return tungstenite::client(url, stream).expect("a handshake").0;
+        }
+        assert!(start.elapsed() < PATIENCE, "Chromium does not start");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+fn chromium() -> Option<PathBuf> {
+    let path = std::env::var_os("PATH")?;
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    std::env::split_paths(&path)
+        .flat_map(|folder| names.map(|name| folder.join(name)))
+        .find(|file| file.is_file())
+}
+
+/// Every kind of plot in one report: linear and logarithmic, markers both ways, lines of
+/// different length.
+fn report() -> &'static Report {
+    static REPORT: OnceLock<Report> = OnceLock::new();
+    REPORT.get_or_init(|| {
+        let rig = Rig::reference();
+        let question = Question {
+            masses_kg: vec![8.0, 12.0, 16.0],
+            ..Question::default()
+        };
+        let (mut report, ..) = paper(&rig, &Experiment::PAPER).expect("the paper");
+        let (design, _) = design_report(&rig, &question).expect("a design");
+        report.sections.extend(design.sections);
+        report
+    })
+}
+
+fn plots(report: &Report) -> Vec<&Plot> {
+    let sections = report.sections.iter();
+    sections.flat_map(|section| &section.plots).collect()
+}
+
+/// Opens the report for `check`, after which the page must have been quiet.
+fn in_browser(check: impl FnOnce(&mut Page, &Report)) {
+    let Some(chromium) = chromium() else {
+        assert!(
+            std::env::var_os("CI").is_none(),
+            "no Chromium to look at the report with"
+        );
+        // Not eprintln!: that is shown only when a test fails.
+        let _ = writeln!(
+            std::io::stderr(),
+            "\n*** SKIPPED: no Chromium, report not looked at ***"
+        );
+        return;
+    };
+    let folder = TempDir::new().expect("a folder");
+    let file = folder.path().join("report.html");
+    std::fs::write(&file, report().to_html()).expect("a file");
+    let url = format!("file://{}", file.display());
+    let mut page = Page::open(&chromium, &url);
+    let charts = page.numbers("[charts().length]");
+    assert_eq!(charts, [plots(report()).len() as f64]);
+    check(&mut page, report());
+    page.assert_quiet(&url);
+}
+
+/// The number in `shown`, which must end with `unit`.
+fn number(shown: &str, unit: &str) -> f64 {
+    let number = match unit {
+        "" => Some(shown),
+        unit => shown
+            .strip_suffix(unit)
+            .and_then(|rest| rest.strip_suffix(' ')),
+    };
+    number
+        .and_then(|number| number.parse().ok())
+        .unwrap_or_else(|| panic!("{shown:?} is no number of {unit:?}"))
+}
+
+/// `shown` is one of the two samples of `series` next to `x`.
+fn assert_sample(plot: &Plot, series: &Series, x: f64, shown: f64) {
+    let mut samples: Vec<(f64, f64)> = series
+        .x
+        .iter()
+        .copied()
+        .zip(series.y.iter().copied())
+        .map(|(at, y)| ((at * plot.x.factor - x).abs(), y * plot.y.factor))
+        .collect();
+    samples.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let close = |y: f64| (y - shown).abs() <= 1e-3 * y.abs() + 1e-9;
+    let found = samples.iter().take(2).any(|(_, y)| close(*y));
+    assert!(
+        found,
+        "{}, {}: {shown} at {x}: {:?}",
+        plot.title,
+        series.name,
+        &samples[..2]
+    );
+}
+
+#[test]
+fn every_line_of_every_plot_is_drawn() {
+    in_browser(|page, report| {
+        assert!(plots(report).len() > 10);
+        page.assert_drawn(report);
+    });
+}
+
+#[test]
+fn hovering_shows_each_value_with_its_unit() {
+    in_browser(|page, report| {
+        for (chart, plot) in plots(report).into_iter().enumerate() {
+            let point = page.point(chart, 0.5);
+            page.mouse("mouseMoved", point, 0);
+            page.settle();
+            let legend = page.legend(chart);
+            assert_eq!(legend.len(), 1 + plot.series.len(), "{}", plot.title);
+            let x = number(&legend[0], &plot.x.unit);
+            for (series, shown) in plot.series.iter().zip(&legend[1..]) {
+                assert_sample(plot, series, x, number(shown, &plot.y.unit));
+            }
+        }
+    });
+}
+
+#[test]
+fn dragging_zooms_the_whole_group_and_a_double_click_shows_all() {
+    in_browser(|page, report| {
+        let plots = plots(report);
+        let before = page.ranges();
+        for (chart, plot) in plots.iter().enumerate() {
+            let [from, to] = [0.3, 0.6].map(|fraction| page.point(chart, fraction));
+            let over = format!("charts()[{chart}].over.clientWidth");
+            let value = |part| format!("charts()[{chart}].posToVal({part} * {over}, 'x')");
+            let dragged = page.numbers(&format!("[{}, {}]", value(0.3), value(0.6)));
+            page.mouse("mouseMoved", from, 0);
+            page.mouse("mousePressed", from, 1);
+            page.mouse("mouseMoved", to, 1);
+            page.mouse("mouseReleased", to, 1);
+            page.settle();
+            let zoomed = page.ranges();
+            let mut last = chart;
+            for (number, other) in plots.iter().enumerate() {
+                let together = number == chart || (plot.sync.is_some() && plot.sync == other.sync);
+                if !together {
+                    assert_eq!(zoomed[number], before[number], "{}", other.title);
+                    continue;
+                }
+                last = number;
+                assert_eq!(zoomed[number], zoomed[chart], "{}", other.title);
+                for (is, wanted) in zoomed[number].iter().zip(&dragged) {
+                    let near = (is - wanted).abs() < 0.03 * (dragged[1] - dragged[0]);
+                    assert!(near, "{}: {is}, dragged to {wanted}", other.title);
+                }
+            }
+            // Any plot of the group resets it.
+            let point = page.point(last, 0.5);
+            for clicks in [1, 2] {
+                page.mouse("mousePressed", point, clicks);
+                page.mouse("mouseReleased", point, clicks);
+            }
+            page.settle();
+            assert_eq!(page.ranges(), before, "{}", plot.title);
+        }
+    });
+}
+
+#[test]
+fn axes_line_up_and_their_numbers_can_be_read() {
+    in_browser(|page, _| {
+        let lefts = page.numbers("charts().map((chart) => chart.bbox.left)");
+        assert!(lefts.iter().all(|left| *left == lefts[0]), "{lefts:?}");
+        let numbers = page.evaluate(
+            "charts().flatMap((chart) => chart.axes.map((axis) => axis._values.filter(Boolean)))",
+        );
+        let numbers: Vec<Vec<String>> = serde_json::from_value(numbers).expect("texts");
+        for axis in numbers {
+            let different: HashSet<&String> = axis.iter().collect();
+            assert!(axis.len() >= 2 && different.len() == axis.len(), "{axis:?}");
+        }
+        // Past its number, an ordinate's axis holds the tick and a gap.
+        let rest = page.numbers(
+            "charts().map(({ axes: [, axis] }) => {
+               pen.font = axis.font[0];
+               const widths = axis._values.map((number) => pen.measureText(number).width);
+               return axis._size - Math.max(...widths) / devicePixelRatio;
+             })",
+        );
+        assert!(rest.iter().all(|rest| *rest >= 17.0), "{rest:?}");
+    });
+}
+
+#[test]
+fn markers_are_in_sight() {
+    in_browser(|page, report| {
+        let horizontal = page.ranges();
+        let script = "charts().flatMap(({ scales: { y } }) => [y.min, y.max])";
+        let vertical = page.numbers(script).as_chunks::<2>().0.to_vec();
+        for (number, plot) in plots(report).into_iter().enumerate() {
+            for marker in &plot.markers {
+                let (axis, [from, to]) = match marker.vertical {
+                    true => (&plot.x, horizontal[number]),
+                    false => (&plot.y, vertical[number]),
+                };
+                let at = marker.value * axis.factor;
+                assert!(from < at && at < to, "{}: {}", plot.title, marker.label);
+            }
+        }
+    });
+}
+
+#[test]
+fn a_phone_shows_it_without_scrolling_sideways() {
+    in_browser(|page, report| {
+        page.size(390, true);
+        page.settle();
+        let widths = page.numbers(
+            "[document.documentElement.scrollWidth,
+              ...[...document.querySelectorAll('.uplot, .uplot canvas, .u-legend tr')]
+                .map((part) => part.getBoundingClientRect().right)]",
+        );
+        assert!(widths.iter().all(|width| *width <= 390.0), "{widths:?}");
+        page.assert_drawn(report);
+        let point = page.point(0, 0.5);
+        page.tap(point);
+        assert_ne!(page.legend(0)[1], "–", "a tap shows values");
+        let label = page.numbers(
+            "(() => {
+               const label = charts()[0].root.querySelectorAll('.u-series th')[1];
+               const place = label.getBoundingClientRect();
+               return [place.left + place.width / 2, place.top + place.height / 2, place.height];
+             })()",
+        );
+        assert!(label[2] >= 24.0, "a finger needs more than {} px", label[2]);
+        page.tap([label[0], label[1]]);
+        assert_eq!(
+            page.evaluate("charts()[0].series[1].show"),
+            false,
+            "a tap hides a line"
+        );
+    });
+}
+
+#[test]
+fn it_can_be_read_in_light_and_dark() {
+    in_browser(|page, report| {
+        for (scheme, dark) in [("light", false), ("dark", true)] {
+            page.media("screen", scheme);
+            let ground = page.numbers("[luminance(ground(document.body))]")[0];
+            assert_eq!(ground < 0.1, dark, "{scheme}: {ground}");
+            page.assert_drawn(report);
+            let pale = page.strings(&format!(
+                "[...document.querySelectorAll('body *:not(script)')]
+                   .filter((part) => part.checkVisibility() && [...part.childNodes]
+                     .some((node) => node.nodeType === 3 && node.data.trim()))
+                   .filter((part) =>
+                     contrast(getComputedStyle(part).color, ground(part)) < {TEXT_CONTRAST})
+                   .map((part) => part.outerHTML)"
+            ));
+            assert_eq!(pale, [""; 0], "{scheme}");
+            let pale = page.strings(&format!(
+                "charts().flatMap((chart) => {{
+                   const behind = ground(chart.root);
+                   const least = (parts, least) => parts
+                     .map((part, i) => part.stroke(chart, i))
+                     .filter((color) => contrast(color, behind) < least);
+                   return [...least(chart.axes, {TEXT_CONTRAST}),
+                     ...chart.series.slice(1).map((line, i) => line.stroke(chart, i + 1))
+                       .filter((color) => contrast(color, behind) < {LINE_CONTRAST})];
+                 }})"
+            ));
+            assert_eq!(pale, [""; 0], "{scheme}");
+        }
+    });
+}
+
+#[test]
+fn paper_shows_plots_and_nothing_that_wants_a_mouse() {
+    in_browser(|page, report| {
+        let widths = page.numbers("charts().map((chart) => chart.width)");
+        page.media("print", "dark");
+        page.evaluate("dispatchEvent(new Event('beforeprint'))");
+        page.settle();
+        page.assert_drawn(report);
+        assert_eq!(page.numbers("[luminance(ground(document.body))]"), [1.0]);
+        let hints = page.strings(
+            "[...document.querySelectorAll('.hint, .u-value')]
+               .filter((part) => part.checkVisibility()).map((part) => part.outerHTML)",
+        );
+        assert_eq!(hints, [""; 0]);
+        // 18 cm: A4 and US letter with the browsers' margins.
+        let rights = page.numbers(
+            "[...document.querySelectorAll('table, .uplot, .u-legend tr')]
+               .map((part) => part.getBoundingClientRect().right
+                 - document.querySelector('main').getBoundingClientRect().left)",
+        );
+        assert!(
+            rights.iter().all(|right| *right <= 18.0 / 2.54 * 96.0),
+            "{rights:?}"
+        );
+        page.evaluate("dispatchEvent(new Event('afterprint'))");
+        page.media("", "light");
+        assert_eq!(page.numbers("charts().map((chart) => chart.width)"), widths);
+        let pdf = page.call("Page.printToPDF", json!({"printBackground": true}));
+        let pdf = pdf["data"].as_str().expect("base64");
+        let head = &pdf[..pdf.len().min(8)];
+        assert!(head.starts_with("JVBERi"), "no PDF: {head}");
+        assert!(
+            pdf.len() > 8_000 * plots(report).len(),
+            "{} bytes",
+            pdf.len()
+        );
+    });
+}

@@ -1,0 +1,92 @@
+//! Where an effect can reach into the rig.
+
+/// What the rig is doing at one moment; filled in the order of the fields as it is worked out.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Moment {
+    pub(crate) time_s: f64,
+    pub(crate) contraction: f64,
+    pub(crate) rate_per_s: f64,
+    pub(crate) temperature_k: f64,
+    /// Gauge, in the muscle.
+    pub(crate) pressure_pa: f64,
+    /// ∂F/∂P of Eq 1.
+    pub(crate) area_m2: f64,
+    /// Side of the muscle, through which heat passes.
+    pub(crate) surface_m2: f64,
+    pub(crate) ambient_k: f64,
+    /// Reference that acts on the valve's electronics.
+    pub(crate) command_pa: f64,
+    /// Reference after what delays and limits it.
+    pub(crate) reference_pa: f64,
+    /// Into the muscle.
+    pub(crate) flow_kg_per_s: f64,
+    /// Of the muscle on the load.
+    pub(crate) force_n: f64,
+}
+
+/// What hangs on the muscle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Load {
+    pub(crate) mass_kg: f64,
+    /// Downward, beside the weight of `mass_kg`.
+    pub(crate) pull_n: f64,
+    pub(crate) coulomb_n: f64,
+    pub(crate) static_n: f64,
+}
+
+/// What the sensors show.
+#[derive(Clone, Copy, Debug)]
+pub struct Reading {
+    /// Measured pressure, gauge.
+    pub pressure_pa: f64,
+    /// Measured contraction.
+    pub contraction: f64,
+    /// Measured force.
+    pub force_n: f64,
+}
+
+/// A hidden effect: each method is one place in the rig, by default left as it is.
+///
+/// `x` are the effect's own states and `dx` their rates; what changes by jumps has no rate and is
+/// set in [`Hidden::commit`].
+pub(crate) trait Hidden: Send + Sync {
+    /// How many states the effect has.
+    fn states(&self) -> usize {
+        0
+    }
+    /// States of a rig that has rested in this moment for long.
+    fn settle(&self, _now: &Moment, _x: &mut [f64]) {}
+    /// Time of the command that acts at `time_s`.
+    fn command_time_s(&self, time_s: f64) -> f64 {
+        time_s
+    }
+    fn ambient_k(&self, ambient_k: f64, _time_s: f64) -> f64 {
+        ambient_k
+    }
+    fn reference_pa(&self, reference_pa: f64, _now: &Moment, _x: &[f64], _dx: &mut [f64]) -> f64 {
+        reference_pa
+    }
+    /// Pressure that the valve works against.
+    fn valve_side_pa(&self, muscle_pa: f64, _x: &[f64]) -> f64 {
+        muscle_pa
+    }
+    /// Flow towards the muscle.
+    fn flow_kg_per_s(&self, flow: f64, _now: &Moment, _x: &[f64], _dx: &mut [f64]) -> f64 {
+        flow
+    }
+    /// Flow out of the muscle past the valve.
+    fn leak_kg_per_s(&self, _now: &Moment) -> f64 {
+        0.0
+    }
+    /// Heat into the gas.
+    fn heat_w(&self, heat_w: f64, _now: &Moment, _x: &[f64], _dx: &mut [f64]) -> f64 {
+        heat_w
+    }
+    fn force_n(&self, force_n: f64, _now: &Moment, _x: &[f64], _dx: &mut [f64]) -> f64 {
+        force_n
+    }
+    fn load(&self, _load: &mut Load, _now: &Moment, _x: &[f64], _dx: &mut [f64]) {}
+    /// After every step that was taken.
+    fn commit(&self, _now: &Moment, _x: &mut [f64]) {}
+    fn read(&self, _reading: &mut Reading, _now: &Moment, _x: &[f64]) {}
+}
