@@ -1,0 +1,364 @@
+//! The board as its user sees it: pins, a serial line, a supply, a reset button, and time.
+
+use crate::cpu::{Cpu, ExceptionEvent};
+use crate::elf::{self, BadElf};
+use crate::engine::{RAM, RAM_LEN};
+use crate::errors::BoardError;
+use crate::flash::{self, Flash};
+use crate::log::{self, Log};
+use crate::pin::Pin;
+use crate::rcc::ResetCause;
+use crate::soc::{DacEvent, Soc, is_flash};
+use crate::time::{from_ns, to_ns};
+
+/// How long NRST stays low after a reset from inside (datasheet, about 20 us).
+const RESET_PULSE_NS: u64 = 20_000;
+
+/// A byte from the board, and when its stop bit ended.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct LinkByte {
+    /// End of the byte.
+    pub time_ns: u64,
+    /// Its value.
+    pub byte: u8,
+}
+
+/// One reset.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Reset {
+    /// When it happened.
+    pub time_ns: u64,
+    /// Why.
+    pub cause: ResetCause,
+}
+
+/// A NUCLEO-F446RE with a firmware in its flash.
+pub struct Board {
+    cpu: Cpu,
+    log: Option<Log>,
+    symbols: Vec<(String, u32)>,
+    powered: bool,
+    resets: Vec<Reset>,
+    power_cuts: u64,
+}
+
+impl Board {
+    /// Flashes the firmware `elf` into an erased chip and switches the supply on.
+    pub fn new(elf: &[u8]) -> Result<Board, BadElf> {
+        let mut cells = vec![0xff; flash::LEN];
+        for (address, bytes) in elf::load_segments(elf)? {
+            let start = address.wrapping_sub(flash::BASE) as usize;
+            let target = start
+                .checked_add(bytes.len())
+                .and_then(|end| cells.get_mut(start..end));
+            match target {
+                Some(target) if is_flash(address) => target.copy_from_slice(&bytes),
+                _ => return Err(BadElf(format!("{address:#010x} is not in the flash"))),
+            }
+        }
+        let mut board = Board::from_flash(cells);
+        board.symbols = elf::symbols(elf);
+        board.log = Log::new(elf, &board.symbols);
+        Ok(board)
+    }
+
+    /// A board whose flash contains `cells`, without symbols and logs.
+    pub fn from_flash(cells: Vec<u8>) -> Board {
+        Board {
+            cpu: Cpu::new(Soc::new(Flash::new(cells))),
+            log: None,
+            symbols: vec![],
+            powered: true,
+            resets: vec![],
+            power_cuts: 0,
+        }
+    }
+
+    // ---- time and supply -----------------------------------------------------------------------
+
+    /// The present \[ns\], since the board was made.
+    pub fn time_ns(&self) -> u64 {
+        to_ns(self.cpu.soc().now)
+    }
+
+    /// Runs to `time_ns`, or a few core cycles beyond as instructions are not divided; resets that
+    /// the chip asks for on the way happen.
+    pub fn run_until(&mut self, time_ns: u64) {
+        let end = from_ns(time_ns);
+        while self.cpu.soc().now < end {
+            if !self.powered {
+                self.cpu.pass_unpowered(end);
+            } else if let Some(cause) = self.cpu.run_until(end) {
+                self.reset(cause);
+            }
+        }
+        self.read_log();
+    }
+
+    /// Runs for a while.
+    pub fn run_for(&mut self, duration_ns: u64) {
+        self.run_until(self.time_ns() + duration_ns);
+    }
+
+    fn reset(&mut self, cause: ResetCause) {
+        self.read_log();
+        self.cpu.reset(cause);
+        self.resets.push(Reset {
+            time_ns: self.time_ns(),
+            cause,
+        });
+        if let Some(log) = &mut self.log {
+            log.cut();
+        }
+        let now = self.cpu.soc().now;
+        self.cpu.pass_unpowered(now + from_ns(RESET_PULSE_NS));
+    }
+
+    /// Presses and releases the reset button.
+    pub fn reset_pin(&mut self) {
+        if self.powered {
+            self.reset(ResetCause::Pin);
+        }
+    }
+
+    /// Takes the supply away: RAM is lost, a flash operation is torn.
+    pub fn power_cut(&mut self) {
+        self.read_log();
+        self.power_cuts += 1;
+        self.cpu.reset(ResetCause::Power);
+        self.cpu.scramble_ram(self.power_cuts);
+        self.powered = false;
+        if let Some(log) = &mut self.log {
+            log.cut();
+        }
+    }
+
+    /// Gives the supply back.
+    pub fn power_on(&mut self) {
+        if !self.powered {
+            self.powered = true;
+            self.reset(ResetCause::Power);
+        }
+    }
+
+    /// All resets so far, the first power-up left out.
+    pub fn resets(&self) -> &[Reset] {
+        &self.resets
+    }
+
+    // ---- pins ----------------------------------------------------------------------------------
+
+    /// Drives a pin to a voltage that the ADC can see.
+    pub fn set_analog(&mut self, pin: Pin, volts: f64) {
+        let soc = self.cpu.soc_mut();
+        soc.outside.volts[usize::from(pin.port)][usize::from(pin.number)] = volts;
+    }
+
+    /// Drives a pin to a digital level, or lets it float.
+    pub fn set_level(&mut self, pin: Pin, level: Option<bool>) {
+        let soc = self.cpu.soc_mut();
+        soc.outside.levels[usize::from(pin.port)][usize::from(pin.number)] = level;
+    }
+
+    /// The level of an output pin; none if the chip does not drive it.
+    pub fn level(&self, pin: Pin) -> Option<bool> {
+        self.cpu.soc().output(pin)
+    }
+
+    /// Says which pins the encoder's A and B go to; PA0 and PA1 unless told otherwise.
+    pub fn wire_encoder(&mut self, a: Pin, b: Pin) {
+        self.cpu.soc_mut().encoder_pins = [a, b];
+    }
+
+    /// Turns the encoder to `position` quadrature edges; A leads B on the way up.
+    pub fn set_encoder(&mut self, position: i64) {
+        self.cpu.soc_mut().set_encoder(position);
+    }
+
+    /// Voltage at the pin of DAC channel 1 or 2. A pin that floats is at 0 V, held by the
+    /// resistor that the wiring asks for.
+    pub fn dac_volts(&self, channel: usize) -> f64 {
+        self.cpu.soc().dac_volts(channel - 1).unwrap_or(0.0)
+    }
+
+    /// Changes of the DAC pins since the last call.
+    pub fn dac_events(&mut self) -> Vec<DacEvent> {
+        std::mem::take(&mut self.cpu.soc_mut().dac_events)
+    }
+
+    // ---- serial link ---------------------------------------------------------------------------
+
+    /// Speed of the PC's end; 115 200 bit/s unless told otherwise.
+    pub fn set_link_baud(&mut self, baud: u32) {
+        self.cpu.soc_mut().host.baud = baud;
+    }
+
+    /// Sends bytes to USART2, one after the other from now on.
+    pub fn link_send(&mut self, bytes: &[u8]) {
+        let soc = self.cpu.soc_mut();
+        soc.host.send(bytes, soc.now);
+    }
+
+    /// Bytes that are sent but have not arrived.
+    pub fn link_unsent(&self) -> usize {
+        self.cpu.soc().host.unsent()
+    }
+
+    /// Bytes that USART2 has sent since the last call.
+    pub fn link_receive(&mut self) -> Vec<LinkByte> {
+        let received = std::mem::take(&mut self.cpu.soc_mut().host.received);
+        received
+            .into_iter()
+            .map(|b| LinkByte {
+                time_ns: to_ns(b.at),
+                byte: b.byte,
+            })
+            .collect()
+    }
+
+    // ---- looking inside ------------------------------------------------------------------------
+
+    /// What a real board would have ignored, faulted on or done wrongly.
+    pub fn errors(&self) -> &[BoardError] {
+        &self.cpu.soc().errors.list
+    }
+
+    /// The errors as text, with the function each happened in.
+    pub fn error_report(&self) -> String {
+        let line = |e: &BoardError| {
+            let (seconds, place) = (e.time_ns as f64 * 1e-9, self.function_at(e.pc));
+            format!(
+                "{:.6} s, {} times, at {:#010x} in {place}: {}\n",
+                seconds, e.count, e.pc, e.text
+            )
+        };
+        self.errors().iter().map(line).collect()
+    }
+
+    /// Instructions executed since the board was made.
+    pub fn instructions(&self) -> u64 {
+        self.cpu.soc().instructions
+    }
+
+    /// Core clock \[Hz\].
+    pub fn core_clock_hz(&self) -> u64 {
+        self.cpu.soc().rcc.clocks.hclk_hz
+    }
+
+    /// Whether the core waits for an interrupt.
+    pub fn is_asleep(&self) -> bool {
+        self.cpu.is_asleep()
+    }
+
+    /// Whether a fault in a fault handler has stopped the core.
+    pub fn is_locked_up(&self) -> bool {
+        self.cpu.is_locked_up()
+    }
+
+    /// Address of the next instruction.
+    pub fn pc(&self) -> u32 {
+        self.cpu.pc()
+    }
+
+    /// How many flash sectors were erased.
+    pub fn flash_erase_count(&self) -> u64 {
+        self.cpu.soc().flash.erase_count
+    }
+
+    /// Whether the flash erases or programs at this moment.
+    pub fn is_flash_busy(&self) -> bool {
+        self.cpu.soc().flash.busy_until() > self.cpu.soc().now
+    }
+
+    /// Writes down each exception from now on, or no longer.
+    pub fn trace_exceptions(&mut self, on: bool) {
+        self.cpu.trace = on.then(Vec::new);
+    }
+
+    /// Exceptions entered and left since the last call.
+    pub fn exceptions(&mut self) -> Vec<ExceptionEvent> {
+        self.cpu
+            .trace
+            .as_mut()
+            .map(std::mem::take)
+            .unwrap_or_default()
+    }
+
+    /// Bytes of memory as the core reads them; empty if nothing is there.
+    pub fn read_memory(&self, address: u32, len: usize) -> Vec<u8> {
+        self.cpu.memory(address, len).unwrap_or_default()
+    }
+
+    /// Overwrites RAM, as a debugger could.
+    pub fn write_ram(&mut self, address: u32, bytes: &[u8]) {
+        let end = address as usize + bytes.len();
+        assert!(
+            address >= RAM && end <= RAM as usize + RAM_LEN,
+            "{address:#x} is not RAM"
+        );
+        self.cpu.set_memory(address, bytes);
+    }
+
+    /// What the flash holds.
+    pub fn flash(&self) -> &[u8] {
+        &self.cpu.soc().flash.cells
+    }
+
+    /// Overwrites flash at once, as a programmer could.
+    pub fn write_flash(&mut self, address: u32, bytes: &[u8]) {
+        let start = address.wrapping_sub(flash::BASE) as usize;
+        assert!(
+            start + bytes.len() <= flash::LEN,
+            "{address:#x} is not flash"
+        );
+        self.cpu.write_flash(start, bytes);
+    }
+
+    /// Address of a symbol of the ELF.
+    pub fn symbol(&self, name: &str) -> Option<u32> {
+        self.symbols
+            .iter()
+            .find(|(symbol, _)| symbol == name)
+            .map(|(_, address)| *address)
+    }
+
+    /// The symbol at or before `address`.
+    pub fn function_at(&self, address: u32) -> String {
+        let before = |(_, a): &&(String, u32)| *a & !1 <= address && *a != 0;
+        let nearest = self.symbols.iter().filter(before).max_by_key(|(_, a)| *a);
+        nearest.map_or("?".into(), |(name, _)| format!("{name:#}"))
+    }
+
+    /// Log lines since the last call.
+    pub fn logs(&mut self) -> Vec<String> {
+        self.read_log();
+        self.log
+            .as_mut()
+            .map(|log| std::mem::take(&mut log.lines))
+            .unwrap_or_default()
+    }
+
+    fn read_log(&mut self) {
+        let (Some(log), true) = (&mut self.log, self.powered) else {
+            return;
+        };
+        let block = log.control_block();
+        let Some(header) = self.cpu.memory(block, log::CONTROL_BLOCK_LEN) else {
+            return;
+        };
+        let Some(channel) = Log::channel(&header) else {
+            return;
+        };
+        let Some(all) = self.cpu.memory(channel.buffer, channel.size as usize) else {
+            return;
+        };
+        let (read, write) = (channel.read as usize, channel.write as usize);
+        if read <= write {
+            log.feed(&all[read..write]);
+        } else {
+            log.feed(&[&all[read..], &all[..write]].concat());
+        }
+        self.cpu
+            .set_memory(block + log::READ_OFFSET, &channel.write.to_le_bytes());
+    }
+}

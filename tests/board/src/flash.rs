@@ -1,0 +1,408 @@
+//! FLASH: keys, erasing and programming with their durations, and what a power cut leaves behind
+//! (RM0390 chapter 3; durations: STM32F446 datasheet, flash memory programming, typical).
+//!
+//! The chip has one bank: while it is busy every fetch from flash stalls the core.
+
+use crate::errors::Context;
+use crate::time::{NEVER, Time, from_ns};
+use std::ops::Range;
+
+/// Where the flash is in the address space.
+pub const BASE: u32 = 0x0800_0000;
+/// 512 KiB.
+pub const LEN: usize = 512 << 10;
+
+const PG: u32 = 1;
+const SER: u32 = 2;
+const MER: u32 = 4;
+const STRT: u32 = 1 << 16;
+const EOPIE: u32 = 1 << 24;
+const LOCK: u32 = 1 << 31;
+const EOP: u32 = 1;
+const WRPERR: u32 = 1 << 4;
+const PGPERR: u32 = 1 << 6;
+const PGSERR: u32 = 1 << 7;
+const BSY: u32 = 1 << 16;
+const PROGRAM_NS: u64 = 16_000;
+
+/// An operation that has begun: what was there before, from `start` on.
+struct Operation {
+    start: usize,
+    before: Vec<u8>,
+    erases: bool,
+    begun: Time,
+    done_at: Time,
+}
+
+#[derive(PartialEq, Clone, Copy)]
+enum Lock {
+    Locked,
+    HalfOpen,
+    Open,
+    /// A wrong key locks until the next reset.
+    Jammed,
+}
+
+/// Cells and registers.
+pub struct Flash {
+    /// What the core reads.
+    pub cells: Vec<u8>,
+    /// Parts of `cells` that the engine's copy does not have yet.
+    pub changed: Vec<Range<usize>>,
+    /// Sectors erased since the board was made.
+    pub erase_count: u64,
+    acr: u32,
+    sr: u32,
+    cr: u32,
+    lock: Lock,
+    operation: Option<Operation>,
+}
+
+/// First byte and length of a sector: 4 × 16, 64, 3 × 128 KiB.
+pub fn sector(number: u32) -> Option<(usize, usize)> {
+    Some(match number {
+        0..=3 => (number as usize * (16 << 10), 16 << 10),
+        4 => (64 << 10, 64 << 10),
+        5..=7 => ((number as usize - 4) * (128 << 10), 128 << 10),
+        _ => return None,
+    })
+}
+
+/// Typical duration of a sector erase; `psize` 0 to 3 is the parallelism, 8 to 64 bits.
+fn erase_ns(len: usize, psize: u32) -> u64 {
+    let row = match len >> 10 {
+        16 => [400, 300, 250, 250],
+        64 => [1200, 700, 550, 550],
+        128 => [2000, 1300, 1000, 1000],
+        _ => [8_000, 5_500, 4_000, 4_000],
+    };
+    row[psize as usize] * 1_000_000
+}
+
+/// A fixed sequence of well-mixed numbers (splitmix64).
+pub(crate) fn mix(seed: &mut u64) -> u64 {
+    *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let z = (*seed ^ (*seed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+impl Flash {
+    /// `cells` is cut or filled up with 0xff to the size of the chip.
+    pub fn new(mut cells: Vec<u8>) -> Flash {
+        cells.resize(LEN, 0xff);
+        Flash {
+            cells,
+            changed: vec![],
+            erase_count: 0,
+            acr: 0,
+            sr: 0,
+            cr: LOCK,
+            lock: Lock::Locked,
+            operation: None,
+        }
+    }
+
+    /// Registers as after a reset; an operation under way is cut.
+    pub fn reset(&mut self, now: Time) {
+        self.cut(now);
+        (self.acr, self.sr, self.cr, self.lock) = (0, 0, LOCK, Lock::Locked);
+    }
+
+    /// Until when the core stalls.
+    pub fn busy_until(&self) -> Time {
+        self.operation
+            .as_ref()
+            .map_or(0, |operation| operation.done_at)
+    }
+
+    /// When something happens next.
+    pub fn next(&self) -> Time {
+        self.operation
+            .as_ref()
+            .map_or(NEVER, |operation| operation.done_at)
+    }
+
+    /// Ends an operation whose time has come.
+    pub fn fire(&mut self, now: Time) {
+        if self.next() <= now {
+            self.operation = None;
+            self.cr &= !STRT;
+            if self.cr & EOPIE != 0 {
+                self.sr |= EOP;
+            }
+        }
+    }
+
+    /// Level of the interrupt line.
+    pub fn irq(&self) -> bool {
+        self.sr & EOP != 0 && self.cr & EOPIE != 0
+    }
+
+    /// Wait states that were asked for.
+    pub fn latency(&self) -> u64 {
+        u64::from(self.acr & 15)
+    }
+
+    /// A register.
+    pub fn read(&self, offset: u32) -> u32 {
+        match offset {
+            0x00 => self.acr,
+            0x0c => self.sr | if self.operation.is_some() { BSY } else { 0 },
+            0x10 => self.cr,
+            0x14 => 0x0fff_aaed,
+            _ => 0,
+        }
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, offset: u32, value: u32, cx: &mut Context) {
+        match offset {
+            0x00 => self.acr = value,
+            0x04 => self.key(value, cx),
+            0x0c => self.sr &= !(value & 0xf3),
+            0x10 => self.control(value, cx),
+            0x14 => cx.error("FLASH: option bytes are not modelled"),
+            _ => {}
+        }
+    }
+
+    fn key(&mut self, value: u32, cx: &mut Context) {
+        self.lock = match (self.lock, value) {
+            (Lock::Locked, 0x4567_0123) => Lock::HalfOpen,
+            (Lock::HalfOpen, 0xcdef_89ab) => Lock::Open,
+            _ => {
+                cx.error("FLASH: wrong key; locked until the next reset");
+                Lock::Jammed
+            }
+        };
+        if self.lock == Lock::Open {
+            self.cr &= !LOCK;
+        }
+    }
+
+    fn control(&mut self, value: u32, cx: &mut Context) {
+        if self.cr & LOCK != 0 {
+            return cx.error("FLASH: CR written while locked: ignored");
+        }
+        if self.operation.is_some() {
+            // the bus stalls until the operation ends; code in flash never gets here
+            return cx.error("FLASH: CR written while busy");
+        }
+        self.cr = value;
+        if value & LOCK != 0 {
+            self.lock = Lock::Locked;
+        }
+        if value & STRT == 0 {
+            return;
+        }
+        let psize = value >> 8 & 3;
+        match value & (SER | MER) {
+            SER => match sector(value >> 3 & 31) {
+                Some((start, len)) => self.erase(start, len, psize, cx),
+                None => cx.error("FLASH: no such sector"),
+            },
+            MER => self.erase(0, LEN, psize, cx),
+            _ => cx.error("FLASH: STRT without SER or MER, or with both"),
+        }
+    }
+
+    fn erase(&mut self, start: usize, len: usize, psize: u32, cx: &mut Context) {
+        if psize == 3 {
+            cx.error("FLASH: parallelism x64 needs an external programming voltage");
+        }
+        let range = start..start + len;
+        let before = self.cells[range.clone()].to_vec();
+        self.cells[range.clone()].fill(0xff);
+        self.changed.push(range);
+        self.erase_count += 1;
+        let done_at = cx.now + from_ns(erase_ns(len, psize));
+        self.operation = Some(Operation {
+            start,
+            before,
+            erases: true,
+            begun: cx.now,
+            done_at,
+        });
+    }
+
+    /// A store to the flash's addresses. Bits can only be cleared.
+    pub fn program(&mut self, address: u32, size: usize, value: u64, cx: &mut Context) {
+        let start = (address - BASE) as usize;
+        let range = start..(start + size).min(LEN);
+        // the engine has already done the store to its copy: it must be put right either way
+        self.changed.push(range.clone());
+        if self.cr & PG == 0 || self.cr & LOCK != 0 {
+            self.sr |= PGSERR;
+            return cx.error("FLASH: store without PG");
+        }
+        if self.sr & (WRPERR | PGPERR | PGSERR) != 0 {
+            return cx.error("FLASH: store while an error flag is set: ignored");
+        }
+        if size != 1 << (self.cr >> 8 & 3) {
+            self.sr |= PGPERR;
+            return cx.error(format!("FLASH: store of {size} bytes does not fit PSIZE"));
+        }
+        let before = self.cells[range.clone()].to_vec();
+        let bytes = value.to_le_bytes();
+        for (cell, byte) in self.cells[range].iter_mut().zip(bytes) {
+            *cell &= byte;
+        }
+        // a store while busy waits for its turn
+        let begun = cx.now.max(self.busy_until());
+        let done_at = begun + from_ns(PROGRAM_NS);
+        self.operation = Some(Operation {
+            start,
+            before,
+            erases: false,
+            begun,
+            done_at,
+        });
+    }
+
+    /// What is left of an operation that lost its supply. A programming has cleared some of its
+    /// bits. An erase first programs all cells to 0, which takes it a quarter of its time here,
+    /// then lets the bits rise; each word is by chance ahead, behind, or torn between.
+    pub fn cut(&mut self, now: Time) {
+        let Some(operation) = self.operation.take() else {
+            return;
+        };
+        let total = operation.done_at - operation.begun;
+        let done = now.saturating_sub(operation.begun).min(total);
+        let mut seed = now ^ operation.start as u64;
+        let start = operation.start;
+        for (i, old) in operation.before.chunks(4).enumerate() {
+            let at = start + 4 * i;
+            let new = self.cells[at..at + old.len()].to_vec();
+            let torn = if !operation.erases {
+                between(old, &new, done, total, &mut seed)
+            } else if done < total / 4 {
+                between(old, &[0; 4], done, total / 4, &mut seed)
+            } else {
+                between(
+                    &[0; 4],
+                    &new,
+                    done - total / 4,
+                    total - total / 4,
+                    &mut seed,
+                )
+            };
+            self.cells[at..at + old.len()].copy_from_slice(&torn[..old.len()]);
+        }
+        self.changed.push(start..start + operation.before.len());
+    }
+}
+
+/// A word on its way from `old` to `new`: the one, the other, or some bits of each.
+fn between(old: &[u8], new: &[u8], done: Time, total: Time, seed: &mut u64) -> [u8; 4] {
+    let chance = mix(seed);
+    let share = (u128::from(done) * 256 / u128::from(total)) as u64;
+    let mask = match chance >> 32 & 3 {
+        0 => mix(seed) as u32,
+        _ if chance % 256 < share => u32::MAX,
+        _ => 0,
+    };
+    let mut word = [0; 4];
+    for (i, byte) in word.iter_mut().enumerate().take(old.len().min(new.len())) {
+        let mask = mask.to_le_bytes()[i];
+        *byte = old[i] & !mask | new[i] & mask;
+    }
+    word
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::errors::{Errors, quiet};
+
+    fn open(flash: &mut Flash, errors: &mut Errors) {
+        for key in [0x4567_0123, 0xcdef_89ab] {
+            flash.write(4, key, &mut quiet(errors, 0));
+        }
+    }
+
+    fn filled() -> (Flash, Errors) {
+        let (mut flash, mut errors) = (Flash::new(vec![0x5a; LEN]), Errors::default());
+        open(&mut flash, &mut errors);
+        (flash, errors)
+    }
+
+    #[test]
+    fn sectors_cover_the_flash_without_a_gap() {
+        let mut end = 0;
+        for number in 0..8 {
+            let (start, len) = sector(number).unwrap();
+            assert_eq!(start, end);
+            end += len;
+        }
+        assert_eq!((end, sector(8)), (LEN, None));
+    }
+
+    #[test]
+    fn wrong_key_jams() {
+        let (mut flash, mut errors) = (Flash::new(vec![]), Errors::default());
+        flash.write(4, 1, &mut quiet(&mut errors, 0));
+        open(&mut flash, &mut errors);
+        assert_ne!(flash.read(0x10) & LOCK, 0);
+        flash.reset(0);
+        open(&mut flash, &mut errors);
+        assert_eq!(flash.read(0x10) & LOCK, 0);
+    }
+
+    #[test]
+    fn sector_erase_takes_its_time() {
+        let (mut flash, mut errors) = filled();
+        let x32 = 2 << 8;
+        flash.write(0x10, x32 | SER | STRT | 2 << 3, &mut quiet(&mut errors, 0));
+        assert_eq!(flash.busy_until(), from_ns(250_000_000));
+        assert_ne!(flash.read(0x0c) & BSY, 0);
+        flash.fire(flash.busy_until());
+        assert_eq!(flash.read(0x0c) & BSY, 0);
+        assert_eq!(flash.read(0x10) & STRT, 0);
+        let (start, len) = sector(2).unwrap();
+        assert!(flash.cells[start..start + len].iter().all(|b| *b == 0xff));
+        assert_eq!(
+            (flash.cells[start - 1], flash.cells[start + len]),
+            (0x5a, 0x5a)
+        );
+        assert!(errors.list.is_empty());
+    }
+
+    #[test]
+    fn programming_clears_bits_only_and_needs_the_right_width() {
+        let (mut flash, mut errors) = filled();
+        flash.write(0x10, PG | 2 << 8, &mut quiet(&mut errors, 0));
+        flash.program(BASE + 8, 4, 0xffff_ff0f, &mut quiet(&mut errors, 0));
+        assert_eq!(flash.cells[8..12], [0x0a, 0x5a, 0x5a, 0x5a]);
+        assert_eq!(flash.busy_until(), from_ns(PROGRAM_NS));
+        flash.program(BASE + 16, 1, 0, &mut quiet(&mut errors, 0));
+        assert_eq!(flash.cells[16], 0x5a);
+        assert_ne!(flash.read(0x0c) & PGPERR, 0);
+    }
+
+    #[test]
+    fn cut_erase_leaves_words_on_their_way_over_zero() {
+        // a tenth of 400 ms, and nine tenths
+        for (cut_ns, from, to) in [(40_000_000, 0x5a, 0), (360_000_000, 0, 0xff)] {
+            let (mut flash, mut errors) = filled();
+            flash.write(0x10, SER | STRT, &mut quiet(&mut errors, 0));
+            flash.reset(from_ns(cut_ns));
+            let cells = &flash.cells[..16 << 10];
+            let count = |value: u8| cells.iter().filter(|b| **b == value).count();
+            assert!(count(from) > 1000 && count(to) > 1000, "{from} {to}");
+            let torn = cells.len() - count(from) - count(to);
+            assert!(torn > 1000, "{torn} cells are torn");
+        }
+    }
+
+    #[test]
+    fn cut_programming_leaves_only_bits_that_old_or_new_had() {
+        for cut_ns in (0..16_000).step_by(500) {
+            let (mut flash, mut errors) = filled();
+            flash.write(0x10, PG | 2 << 8, &mut quiet(&mut errors, 0));
+            flash.program(BASE, 4, 0, &mut quiet(&mut errors, 0));
+            flash.reset(from_ns(cut_ns));
+            assert!(flash.cells[..4].iter().all(|b| b & !0x5a == 0));
+        }
+    }
+}

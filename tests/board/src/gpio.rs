@@ -1,0 +1,224 @@
+//! GPIO: modes, alternate functions, levels (RM0390 chapter 7; functions: datasheet table 11).
+
+use crate::pin::{Pin, pin};
+
+const MODER: usize = 0x00;
+const PUPDR: usize = 0x0c;
+const IDR: usize = 0x10;
+const ODR: usize = 0x14;
+const BSRR: usize = 0x18;
+const LCKR: usize = 0x1c;
+const AFRL: usize = 0x20;
+/// Ports A to H.
+pub const PORTS: usize = 8;
+
+/// What a pin is set to.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Mode {
+    /// Digital input.
+    Input,
+    /// Output of ODR.
+    Output,
+    /// Connected to a peripheral.
+    Alternate(u8),
+    /// Digital parts off.
+    Analog,
+}
+
+/// Timer (2 to 5), channel (1 or 2), alternate function and pin of the counter inputs.
+pub const TIMER_INPUTS: [(usize, usize, u8, Pin); 19] = [
+    (2, 1, 1, pin('A', 0)),
+    (2, 1, 1, pin('A', 5)),
+    (2, 1, 1, pin('A', 15)),
+    (2, 1, 1, pin('B', 8)),
+    (2, 2, 1, pin('A', 1)),
+    (2, 2, 1, pin('B', 3)),
+    (2, 2, 1, pin('B', 9)),
+    (3, 1, 2, pin('A', 6)),
+    (3, 1, 2, pin('B', 4)),
+    (3, 1, 2, pin('C', 6)),
+    (3, 2, 2, pin('A', 7)),
+    (3, 2, 2, pin('B', 5)),
+    (3, 2, 2, pin('C', 7)),
+    (4, 1, 2, pin('B', 6)),
+    (4, 1, 2, pin('D', 12)),
+    (4, 2, 2, pin('B', 7)),
+    (4, 2, 2, pin('D', 13)),
+    (5, 1, 2, pin('A', 0)),
+    (5, 2, 2, pin('A', 1)),
+];
+/// The serial link to the ST-LINK goes over these pins of USART2, alternate function 7.
+pub const LINK_TX: Pin = pin('A', 2);
+/// See [`LINK_TX`].
+pub const LINK_RX: Pin = pin('A', 3);
+/// Pins of the two DAC channels.
+pub const DAC_PINS: [Pin; 2] = [pin('A', 4), pin('A', 5)];
+
+/// The pin of an ADC channel; none for the internal ones.
+pub fn adc_pin(channel: u32) -> Option<Pin> {
+    match channel as u8 {
+        n @ 0..=7 => Some(pin('A', n)),
+        n @ 8..=9 => Some(pin('B', n - 8)),
+        n @ 10..=15 => Some(pin('C', n - 10)),
+        _ => None,
+    }
+}
+
+/// What the world outside does to the pins; it does not care about resets of the chip.
+#[derive(Clone)]
+pub struct Outside {
+    /// Voltage that a pin is driven to.
+    pub volts: [[f64; 16]; PORTS],
+    /// Level that a pin is driven to, if it is.
+    pub levels: [[Option<bool>; 16]; PORTS],
+}
+
+impl Default for Outside {
+    fn default() -> Self {
+        Outside {
+            volts: [[0.0; 16]; PORTS],
+            levels: [[None; 16]; PORTS],
+        }
+    }
+}
+
+/// The registers of all ports.
+pub struct Gpio {
+    words: [[u32; 10]; PORTS],
+}
+
+impl Default for Gpio {
+    fn default() -> Self {
+        let mut gpio = Gpio {
+            words: [[0; 10]; PORTS],
+        };
+        (0..PORTS).for_each(|port| gpio.reset(port));
+        gpio
+    }
+}
+
+impl Gpio {
+    /// Puts a port back to its reset values: the debug pins of A and B are alternate functions.
+    pub fn reset(&mut self, port: usize) {
+        self.words[port] = [0; 10];
+        let (moder, ospeedr, pupdr) = match port {
+            0 => (0xa800_0000, 0x0c00_0000, 0x6400_0000),
+            1 => (0x280, 0xc0, 0x100),
+            _ => (0, 0, 0),
+        };
+        self.words[port][MODER / 4] = moder;
+        self.words[port][2] = ospeedr;
+        self.words[port][PUPDR / 4] = pupdr;
+    }
+
+    /// What `pin` is set to.
+    pub fn mode(&self, pin: Pin) -> Mode {
+        let words = &self.words[usize::from(pin.port)];
+        let number = usize::from(pin.number);
+        match words[MODER / 4] >> (2 * number) & 3 {
+            0 => Mode::Input,
+            1 => Mode::Output,
+            2 => Mode::Alternate((words[AFRL / 4 + number / 8] >> (4 * (number % 8)) & 15) as u8),
+            _ => Mode::Analog,
+        }
+    }
+
+    /// Level that the chip puts on an output pin.
+    pub fn output(&self, pin: Pin) -> Option<bool> {
+        let odr = self.words[usize::from(pin.port)][ODR / 4];
+        (self.mode(pin) == Mode::Output).then_some(odr >> pin.number & 1 != 0)
+    }
+
+    /// The pins that reach inputs 1 and 2 of timer `timer`; the first in the table wins.
+    pub fn timer_inputs(&self, timer: usize) -> [Option<Pin>; 2] {
+        [1, 2].map(|channel| {
+            let fits = |row: &&(usize, usize, u8, Pin)| {
+                row.0 == timer && row.1 == channel && self.mode(row.3) == Mode::Alternate(row.2)
+            };
+            TIMER_INPUTS.iter().find(fits).map(|row| row.3)
+        })
+    }
+
+    /// A register; `outside` gives the levels that IDR shows.
+    pub fn read(&self, port: usize, offset: u32, outside: &Outside) -> u32 {
+        match offset as usize {
+            IDR => (0..16).fold(0, |word, number| {
+                let pin = Pin {
+                    port: port as u8,
+                    number,
+                };
+                word | u32::from(self.level(pin, outside)) << number
+            }),
+            BSRR => 0,
+            offset => self.words[port].get(offset / 4).copied().unwrap_or(0),
+        }
+    }
+
+    fn level(&self, pin: Pin, outside: &Outside) -> bool {
+        let (port, number) = (usize::from(pin.port), usize::from(pin.number));
+        let pulled_up = self.words[port][PUPDR / 4] >> (2 * number) & 3 == 1;
+        match self.mode(pin) {
+            Mode::Analog => false,
+            _ => self
+                .output(pin)
+                .or(outside.levels[port][number])
+                .unwrap_or(pulled_up),
+        }
+    }
+
+    /// Writes a register.
+    pub fn write(&mut self, port: usize, offset: u32, value: u32) {
+        let words = &mut self.words[port];
+        match offset as usize {
+            IDR | LCKR => {}
+            BSRR => words[ODR / 4] = words[ODR / 4] & !(value >> 16) | value & 0xffff,
+            offset if offset / 4 < words.len() => words[offset / 4] = value,
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reset_values_are_those_of_the_manual() {
+        let (gpio, outside) = (Gpio::default(), Outside::default());
+        assert_eq!(gpio.read(0, 0, &outside), 0xa800_0000);
+        assert_eq!(gpio.read(1, 0, &outside), 0x280);
+        assert_eq!(gpio.mode(pin('C', 3)), Mode::Input);
+        assert_eq!(gpio.mode(pin('A', 13)), Mode::Alternate(0));
+    }
+
+    #[test]
+    fn bsrr_sets_before_it_clears() {
+        let (mut gpio, outside) = (Gpio::default(), Outside::default());
+        gpio.write(2, BSRR as u32, 0x0003_0001);
+        assert_eq!(gpio.read(2, ODR as u32, &outside), 1);
+    }
+
+    #[test]
+    fn timer_inputs_need_the_right_function() {
+        let mut gpio = Gpio::default();
+        gpio.write(0, MODER as u32, 0b1010);
+        gpio.write(0, AFRL as u32, 0x22);
+        assert_eq!(gpio.timer_inputs(5), [Some(pin('A', 0)), Some(pin('A', 1))]);
+        assert_eq!(gpio.timer_inputs(2), [None, None]);
+        gpio.write(0, AFRL as u32, 0x12);
+        assert_eq!(gpio.timer_inputs(5), [Some(pin('A', 0)), None]);
+        assert_eq!(gpio.timer_inputs(2), [None, Some(pin('A', 1))]);
+    }
+
+    #[test]
+    fn input_shows_the_outside_else_its_pull() {
+        let (mut gpio, mut outside) = (Gpio::default(), Outside::default());
+        gpio.write(2, PUPDR as u32, 1 << 26);
+        assert_eq!(gpio.read(2, IDR as u32, &outside), 1 << 13);
+        outside.levels[2][13] = Some(false);
+        assert_eq!(gpio.read(2, IDR as u32, &outside), 0);
+        gpio.write(2, MODER as u32, 3 << 26);
+        outside.levels[2][13] = Some(true);
+        assert_eq!(gpio.read(2, IDR as u32, &outside), 0, "analog pins read 0");
+    }
+}

@@ -1,0 +1,56 @@
+//! An emulated NUCLEO-F446RE: the unmodified firmware runs on the PC.
+//!
+//! A [`Board`] takes the ELF that would be flashed. Its user drives the pins, listens to the DAC
+//! and the serial link, and lets time pass; a plant on the PC is coupled in lockstep:
+//!
+//! ```no_run
+//! use emulated_board::{Board, pin};
+//! let elf = std::fs::read("firmware.elf").unwrap();
+//! let mut board = Board::new(&elf).unwrap();
+//! for step in 1..=1000 {
+//!     board.set_analog(pin('C', 0), 1.65);
+//!     board.set_encoder(step);
+//!     board.run_until(step as u64 * 1_000_000);
+//!     println!("{} V", board.dac_volts(1));
+//! }
+//! assert!(board.errors().is_empty(), "{}", board.error_report());
+//! ```
+//!
+//! Nothing is random: two runs with the same inputs are equal in every instruction. What a real
+//! board would silently ignore (a peripheral without its clock, a pin with the wrong function)
+//! has no effect here either, and is listed by [`Board::errors`].
+//!
+//! Each instruction takes one cycle. Real ones take one to three, so durations of code are lower
+//! bounds; instants that hardware decides (timers, conversions, bytes) are exact.
+
+mod adc;
+mod board;
+mod counters;
+mod cpu;
+mod dac;
+mod dma;
+mod elf;
+mod engine;
+mod errors;
+mod exceptions;
+mod flash;
+mod gpio;
+mod iwdg;
+mod log;
+mod nvic;
+mod pin;
+mod pwr;
+mod rcc;
+mod scb;
+mod soc;
+mod tim;
+mod time;
+mod usart;
+
+pub use board::{Board, LinkByte, Reset};
+pub use cpu::ExceptionEvent;
+pub use elf::BadElf;
+pub use errors::BoardError;
+pub use pin::{Pin, pin};
+pub use rcc::ResetCause;
+pub use soc::DacEvent;

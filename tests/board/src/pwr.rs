@@ -1,0 +1,60 @@
+//! PWR: voltage scaling and over-drive, which 180 MHz needs (RM0390 chapter 5).
+
+const ODEN: u32 = 1 << 16;
+const ODSWEN: u32 = 1 << 17;
+
+/// PWR_CR, and what follows from it.
+pub struct Pwr {
+    cr: u32,
+}
+
+impl Default for Pwr {
+    fn default() -> Self {
+        Pwr { cr: 0xc000 }
+    }
+}
+
+impl Pwr {
+    /// PWR_CR or PWR_CSR; the regulator is ready at once.
+    pub fn read(&self, offset: u32) -> u32 {
+        match offset {
+            0 => self.cr,
+            4 => 1 << 14 | self.cr & (ODEN | ODSWEN),
+            _ => 0,
+        }
+    }
+
+    /// Over-drive can be switched to only after it was enabled.
+    pub fn write(&mut self, offset: u32, value: u32) {
+        if offset == 0 {
+            let ready = self.cr & ODEN != 0;
+            self.cr = if ready { value } else { value & !ODSWEN };
+        }
+    }
+
+    /// The fastest HCLK the regulator carries \[Hz\].
+    pub fn hclk_max_hz(&self) -> u64 {
+        match (self.cr >> 14 & 3, self.cr & ODSWEN != 0) {
+            (3, true) => 180_000_000,
+            (3, false) => 168_000_000,
+            (2, true) => 168_000_000,
+            (2, false) => 144_000_000,
+            _ => 120_000_000,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn over_drive_takes_two_steps() {
+        let mut pwr = Pwr::default();
+        pwr.write(0, 0xc000 | ODEN | ODSWEN);
+        assert_eq!(pwr.hclk_max_hz(), 168_000_000);
+        pwr.write(0, 0xc000 | ODEN | ODSWEN);
+        assert_eq!(pwr.hclk_max_hz(), 180_000_000);
+        assert_eq!(pwr.read(4) & (ODEN | ODSWEN), ODEN | ODSWEN);
+    }
+}

@@ -1,0 +1,310 @@
+//! RCC: clock tree, clock gates, peripheral resets and reset flags (RM0390 chapter 6).
+
+use crate::errors::Context;
+use crate::time::{Time, period};
+
+/// The clock that the ST-LINK feeds into OSC_IN of a NUCLEO-F446RE; no crystal is fitted.
+pub const HSE_HZ: u64 = 8_000_000;
+const HSI_HZ: u64 = 16_000_000;
+
+const CR: usize = 0x00;
+const PLLCFGR: usize = 0x04;
+const CFGR: usize = 0x08;
+const BDCR: usize = 0x70;
+const CSR: usize = 0x74;
+const DCKCFGR: usize = 0x8c;
+const REGISTERS: usize = 0x98 / 4;
+
+/// A bus whose peripherals have clock gates; the value is the offset of its enable register.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum Bus {
+    /// AHB1
+    Ahb1 = 0x30,
+    /// APB1
+    Apb1 = 0x40,
+    /// APB2
+    Apb2 = 0x44,
+}
+
+/// What reset the chip.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum ResetCause {
+    /// Supply switched on.
+    Power,
+    /// NRST pulled low from outside.
+    Pin,
+    /// AIRCR.SYSRESETREQ
+    Software,
+    /// The independent watchdog was not fed.
+    Watchdog,
+}
+
+impl ResetCause {
+    /// Flags in RCC_CSR. Every reset of the chip drives NRST low, so PINRSTF is always set.
+    fn flags(self) -> u32 {
+        match self {
+            ResetCause::Power => 0x0e00_0000,
+            ResetCause::Pin => 0x0400_0000,
+            ResetCause::Software => 0x1400_0000,
+            ResetCause::Watchdog => 0x2400_0000,
+        }
+    }
+}
+
+/// The clocks that come out of the tree.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Clocks {
+    /// Core, memories, DMA \[Hz\].
+    pub hclk_hz: u64,
+    /// APB1 \[Hz\].
+    pub pclk1_hz: u64,
+    /// APB2 \[Hz\].
+    pub pclk2_hz: u64,
+    /// Timers on APB1 \[Hz\].
+    pub timclk1_hz: u64,
+}
+
+impl Clocks {
+    /// Duration of a core cycle.
+    pub fn cycle(&self) -> Time {
+        period(self.hclk_hz).0
+    }
+}
+
+/// The registers, and the clocks they make.
+pub struct Rcc {
+    words: [u32; REGISTERS],
+    /// The clocks in force.
+    pub clocks: Clocks,
+}
+
+impl Rcc {
+    /// After a reset; `flags` are those RCC_CSR had before.
+    pub fn new(cause: ResetCause, flags: u32) -> Rcc {
+        let mut words = [0; REGISTERS];
+        words[CR / 4] = 0x81;
+        words[PLLCFGR / 4] = 0x2400_3010;
+        words[0x50 / 4] = 0x7fff_ffff;
+        words[0x60 / 4] = 0x7fff_ffff;
+        words[0x64 / 4] = 0x7fff_ffff;
+        let kept = if cause == ResetCause::Power { 0 } else { flags };
+        words[CSR / 4] = kept | cause.flags();
+        let mut rcc = Rcc {
+            words,
+            clocks: Clocks::default(),
+        };
+        rcc.clocks = rcc.tree();
+        rcc
+    }
+
+    /// The reset flags, as RCC_CSR shows them.
+    pub fn reset_flags(&self) -> u32 {
+        self.words[CSR / 4] & 0xfe00_0000
+    }
+
+    /// Whether the peripheral behind `bit` of `bus` has its clock.
+    pub fn is_on(&self, bus: Bus, bit: u32) -> bool {
+        self.words[bus as usize / 4] >> bit & 1 != 0
+    }
+
+    /// A register as the firmware sees it: what is switched on is ready at once.
+    pub fn read(&self, offset: u32) -> u32 {
+        let index = offset as usize / 4;
+        let word = self.words.get(index).copied().unwrap_or(0);
+        match index * 4 {
+            CR => word | (word & 0x1501_0001 & !self.hse_dead()) << 1,
+            CFGR => word & !0xc | self.source() << 2,
+            BDCR | CSR => word | (word & 1) << 1,
+            _ => word,
+        }
+    }
+
+    /// HSEON while nothing can oscillate: the board has no crystal, so bypass is needed.
+    fn hse_dead(&self) -> u32 {
+        let cr = self.words[CR / 4];
+        if cr & 1 << 18 == 0 { cr & 1 << 16 } else { 0 }
+    }
+
+    fn source(&self) -> u32 {
+        self.words[CFGR / 4] & 3
+    }
+
+    /// Writes a register; true if the clocks may have changed.
+    pub fn write(&mut self, offset: u32, value: u32, cx: &mut Context) -> bool {
+        let index = offset as usize / 4;
+        if index >= REGISTERS {
+            return false;
+        }
+        if index * 4 == PLLCFGR && self.words[CR / 4] & 1 << 24 != 0 {
+            cx.error("RCC: PLLCFGR written while the PLL is on: ignored");
+            return false;
+        }
+        self.words[index] = match index * 4 {
+            // ready bits are made in `read`
+            CR => value & !0x2a02_0002,
+            CSR if value & 1 << 24 != 0 => value & 1,
+            CSR => self.words[CSR / 4] & 0xfe00_0000 | value & 1,
+            _ => value,
+        };
+        if !matches!(index * 4, CR | PLLCFGR | CFGR | DCKCFGR) {
+            return false;
+        }
+        if self.hse_dead() != 0 {
+            cx.error("RCC: HSE on without bypass: the NUCLEO has no crystal, it never gets ready");
+        }
+        let before = self.clocks;
+        self.clocks = self.tree();
+        self.check(cx);
+        before != self.clocks
+    }
+
+    fn pll(&self) -> (u64, u64, u64) {
+        let word = u64::from(self.words[PLLCFGR / 4]);
+        let source = if word & 1 << 22 != 0 { HSE_HZ } else { HSI_HZ };
+        let input_hz = source / (word & 0x3f).max(1);
+        let vco_hz = input_hz * (word >> 6 & 0x1ff);
+        (input_hz, vco_hz, vco_hz / ((word >> 16 & 3) * 2 + 2))
+    }
+
+    fn tree(&self) -> Clocks {
+        let cfgr = self.words[CFGR / 4];
+        let sysclk_hz = match self.source() {
+            0 => HSI_HZ,
+            1 => HSE_HZ,
+            _ => self.pll().2.max(1),
+        };
+        let ahb = match cfgr >> 4 & 15 {
+            code @ 8..=11 => 2 << (code - 8),
+            code @ 12.. => 64 << (code - 12),
+            _ => 1,
+        };
+        let apb = |code: u32| if code & 4 != 0 { 2 << (code & 3) } else { 1 };
+        let hclk_hz = sysclk_hz / ahb;
+        let (div1, div2) = (apb(cfgr >> 10), apb(cfgr >> 13));
+        let wide = self.words[DCKCFGR / 4] & 1 << 24 != 0;
+        let times = match (wide, div1) {
+            (_, 1) => 1,
+            (false, _) | (true, 2) => 2,
+            (true, _) => 4,
+        };
+        Clocks {
+            hclk_hz,
+            pclk1_hz: hclk_hz / div1,
+            pclk2_hz: hclk_hz / div2,
+            timclk1_hz: hclk_hz / div1 * times,
+        }
+    }
+
+    /// Limits of the tree that a real chip does not forgive (RM0390 6.2.3, 6.3.2; datasheet).
+    fn check(&self, cx: &mut Context) {
+        let cr = self.words[CR / 4];
+        let clocks = self.clocks;
+        if self.source() == 2 && cr & 1 << 24 == 0 {
+            cx.error("RCC: system clock switched to the PLL while it is off");
+        }
+        if cr & 1 << 24 != 0 {
+            let (input_hz, vco_hz, _) = self.pll();
+            if !(950_000..=2_100_000).contains(&input_hz) {
+                cx.error(format!(
+                    "RCC: PLL input {input_hz} Hz is outside 0.95 to 2.1 MHz"
+                ));
+            }
+            if !(100_000_000..=432_000_000).contains(&vco_hz) {
+                cx.error(format!("RCC: VCO {vco_hz} Hz is outside 100 to 432 MHz"));
+            }
+        }
+        let limits = [
+            ("HCLK", clocks.hclk_hz, 180_000_000),
+            ("PCLK1", clocks.pclk1_hz, 45_000_000),
+            ("PCLK2", clocks.pclk2_hz, 90_000_000),
+        ];
+        for (name, hz, limit_hz) in limits {
+            if hz > limit_hz {
+                cx.error(format!("RCC: {name} {hz} Hz is above its limit"));
+            }
+        }
+        if !period(clocks.hclk_hz).1 {
+            cx.error(format!(
+                "model: HCLK {} Hz is not whole in units of time",
+                clocks.hclk_hz
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::errors::{Errors, quiet};
+
+    fn write_all(rcc: &mut Rcc, writes: &[(usize, u32)]) -> Vec<String> {
+        let mut errors = Errors::default();
+        for (offset, value) in writes {
+            rcc.write(*offset as u32, *value, &mut quiet(&mut errors, 0));
+        }
+        errors.list.into_iter().map(|e| e.text).collect()
+    }
+
+    /// M = 4, N = 180, P = 2 from HSE; PPRE1 = 4, PPRE2 = 2.
+    const TO_180_MHZ: [(usize, u32); 4] = [
+        (CR, 0x0005_0081),
+        (PLLCFGR, 1 << 22 | 180 << 6 | 4),
+        (CR, 0x0105_0081),
+        (CFGR, 0b100 << 13 | 0b101 << 10 | 2),
+    ];
+
+    #[test]
+    fn runs_on_hsi_after_reset() {
+        let rcc = Rcc::new(ResetCause::Power, 0);
+        assert_eq!(rcc.clocks.hclk_hz, 16_000_000);
+        assert_eq!(rcc.read(CR as u32), 0x83);
+        assert_eq!(rcc.read(CSR as u32), 0x0e00_0000);
+    }
+
+    #[test]
+    fn reaches_180_mhz_without_a_complaint() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        assert_eq!(write_all(&mut rcc, &TO_180_MHZ), Vec::<String>::new());
+        let clocks = rcc.clocks;
+        assert_eq!((clocks.hclk_hz, clocks.pclk1_hz), (180_000_000, 45_000_000));
+        assert_eq!(
+            (clocks.pclk2_hz, clocks.timclk1_hz),
+            (90_000_000, 90_000_000)
+        );
+        assert_eq!(rcc.read(CFGR as u32) >> 2 & 3, 2);
+    }
+
+    #[test]
+    fn timers_follow_timpre() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        write_all(&mut rcc, &TO_180_MHZ);
+        write_all(&mut rcc, &[(DCKCFGR, 1 << 24)]);
+        assert_eq!(rcc.clocks.timclk1_hz, 180_000_000);
+    }
+
+    #[test]
+    fn crystal_that_is_not_there_never_gets_ready() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        assert_eq!(write_all(&mut rcc, &[(CR, 0x0001_0081)]).len(), 1);
+        assert_eq!(rcc.read(CR as u32) & 1 << 17, 0);
+    }
+
+    #[test]
+    fn limits_are_seen() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        let too_fast = [TO_180_MHZ[0], TO_180_MHZ[1], TO_180_MHZ[2], (CFGR, 2)];
+        assert_eq!(
+            write_all(&mut rcc, &too_fast).len(),
+            2,
+            "PCLK1 and PCLK2 at 180 MHz"
+        );
+    }
+
+    #[test]
+    fn reset_flags_add_up_until_removed() {
+        let mut rcc = Rcc::new(ResetCause::Watchdog, 0x0e00_0000);
+        assert_eq!(rcc.reset_flags(), 0x2e00_0000);
+        write_all(&mut rcc, &[(CSR, 1 << 24)]);
+        assert_eq!(rcc.reset_flags(), 0);
+    }
+}

@@ -1,0 +1,773 @@
+//! The chip around the core: which peripheral answers at which address, who interrupts and
+//! triggers whom, and what happens next. It does not know how instructions are executed.
+
+use crate::adc::{Adc, VREFINT_VOLTS};
+use crate::counters::{CycleCounter, SysTick};
+use crate::dac::Dac;
+use crate::dma::{Dma, Transfer};
+use crate::errors::{Context, Errors};
+use crate::flash::{self, Flash};
+use crate::gpio::{self, Gpio, Mode, Outside};
+use crate::iwdg::Iwdg;
+use crate::nvic::{Nvic, SYS_TICK};
+use crate::pin::{Pin, pin};
+use crate::pwr::Pwr;
+use crate::rcc::{Bus, Clocks, Rcc, ResetCause};
+use crate::scb::Scb;
+use crate::tim::{Pulses, Tim};
+use crate::time::{NEVER, Time, period, to_ns};
+use crate::usart::{Host, Usart};
+use std::collections::BTreeMap;
+
+/// The timers that there are: TIM2 to TIM7.
+const TIMERS: usize = 6;
+const TIMER_IRQ: [u32; TIMERS] = [28, 29, 30, 50, 54, 55];
+const USART2_IRQ: u32 = 38;
+const ADC_IRQ: u32 = 18;
+const FLASH_IRQ: u32 = 4;
+const DMA_IRQ: [[u32; 8]; 2] = [
+    [11, 12, 13, 14, 15, 16, 17, 47],
+    [56, 57, 58, 59, 60, 68, 69, 70],
+];
+/// Controller (0 or 1), stream and channel of a request line (RM0390 tables 28 and 29).
+const ADC1_DMA: [(usize, usize, u32); 2] = [(1, 0, 0), (1, 4, 0)];
+const USART2_RX_DMA: (usize, usize, u32) = (0, 5, 4);
+const USART2_TX_DMA: (usize, usize, u32) = (0, 6, 4);
+
+/// What answers at an address.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum Block {
+    Tim(usize),
+    Iwdg,
+    Usart2,
+    Pwr,
+    Dac,
+    Adc,
+    Memory(&'static str),
+    Gpio(usize),
+    Rcc,
+    Flash,
+    Dma(usize),
+}
+
+/// The peripheral at `address`, and its clock gate if it has one.
+fn block_at(address: u32) -> Option<(Block, Option<(Bus, u32)>)> {
+    use Bus::{Ahb1, Apb1, Apb2};
+    Some(match address & !0x3ff {
+        base @ 0x4000_0000..=0x4000_1400 => {
+            let index = base >> 10 & 7;
+            (Block::Tim(index as usize), Some((Apb1, index)))
+        }
+        0x4000_3000 => (Block::Iwdg, None),
+        0x4000_4400 => (Block::Usart2, Some((Apb1, 17))),
+        0x4000_7000 => (Block::Pwr, Some((Apb1, 28))),
+        0x4000_7400 => (Block::Dac, Some((Apb1, 29))),
+        0x4001_2000 => (Block::Adc, Some((Apb2, 8))),
+        0x4001_3800 => (Block::Memory("SYSCFG"), Some((Apb2, 14))),
+        0x4001_3c00 => (Block::Memory("EXTI"), None),
+        base @ 0x4002_0000..=0x4002_1c00 => {
+            let port = base >> 10 & 7;
+            (Block::Gpio(port as usize), Some((Ahb1, port)))
+        }
+        0x4002_3800 => (Block::Rcc, None),
+        0x4002_3c00 => (Block::Flash, None),
+        0x4002_6000 => (Block::Dma(0), Some((Ahb1, 21))),
+        0x4002_6400 => (Block::Dma(1), Some((Ahb1, 22))),
+        _ => return None,
+    })
+}
+
+fn name(block: Block) -> String {
+    match block {
+        Block::Tim(index) => format!("TIM{}", index + 2),
+        Block::Gpio(port) => format!("GPIO{}", char::from(b'A' + port as u8)),
+        Block::Dma(index) => format!("DMA{}", index + 1),
+        Block::Adc => "ADC1".into(),
+        Block::Memory(name) => name.into(),
+        block => format!("{block:?}").to_uppercase(),
+    }
+}
+
+/// A change of what a DAC pin does.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub struct DacEvent {
+    /// When.
+    pub time_ns: u64,
+    /// 1 or 2.
+    pub channel: usize,
+    /// The voltage; none if the pin floats.
+    pub volts: Option<f64>,
+}
+
+/// Everything on the chip but the core, and what the world does to its pins.
+pub struct Soc {
+    /// The present.
+    pub now: Time,
+    /// Duration of a core cycle.
+    pub cycle: Time,
+    /// Instructions executed since the board was made.
+    pub instructions: u64,
+    /// Address of the instruction under execution.
+    pub pc: u32,
+    /// Clock tree.
+    pub rcc: Rcc,
+    /// Non-volatile memory.
+    pub flash: Flash,
+    /// Exceptions.
+    pub nvic: Nvic,
+    /// Core registers.
+    pub scb: Scb,
+    /// CYCCNT.
+    pub cycles: CycleCounter,
+    /// The PC's end of the serial link.
+    pub host: Host,
+    /// What drives the pins.
+    pub outside: Outside,
+    /// Changes of the DAC pins.
+    pub dac_events: Vec<DacEvent>,
+    /// What went wrong.
+    pub errors: Errors,
+    /// Pins that the encoder's A and B are wired to.
+    pub encoder_pins: [Pin; 2],
+    /// Position of the encoder in quadrature edges.
+    pub encoder: i64,
+    /// A reset that the chip asked for.
+    pub reset: Option<ResetCause>,
+    pwr: Pwr,
+    gpio: Gpio,
+    tims: [Tim; TIMERS],
+    adc: Adc,
+    dac: Dac,
+    dma: [Dma; 2],
+    usart: Usart,
+    iwdg: Iwdg,
+    systick: SysTick,
+    dac_seen: [Option<f64>; 2],
+    /// Registers without a function.
+    memory: BTreeMap<u32, u32>,
+}
+
+impl Soc {
+    /// Powered up for the first time.
+    pub fn new(flash: Flash) -> Soc {
+        let rcc = Rcc::new(ResetCause::Power, 0);
+        let unit = |hz| period(hz).0;
+        let clocks = rcc.clocks;
+        Soc {
+            now: 0,
+            cycle: clocks.cycle(),
+            instructions: 0,
+            pc: 0,
+            flash,
+            nvic: Nvic::default(),
+            scb: Scb::default(),
+            cycles: CycleCounter::new(clocks.cycle()),
+            host: Host::default(),
+            outside: Outside::default(),
+            dac_events: vec![],
+            errors: Errors::default(),
+            encoder_pins: [pin('A', 0), pin('A', 1)],
+            encoder: 0,
+            reset: None,
+            pwr: Pwr::default(),
+            gpio: Gpio::default(),
+            tims: std::array::from_fn(|i| Tim::new(i + 2, unit(clocks.timclk1_hz))),
+            adc: Adc::new(unit(clocks.pclk2_hz)),
+            dac: Dac::default(),
+            dma: [Dma::new(1), Dma::new(2)],
+            usart: Usart::new(unit(clocks.pclk1_hz)),
+            iwdg: Iwdg::default(),
+            systick: SysTick::new(clocks.cycle()),
+            dac_seen: [None; 2],
+            memory: BTreeMap::new(),
+            rcc,
+        }
+    }
+
+    /// Registers as after a reset. Time, flash, the world outside and the logs go on.
+    pub fn reset(&mut self, cause: ResetCause) {
+        self.flash.reset(self.now);
+        let flash = std::mem::replace(&mut self.flash, Flash::new(vec![]));
+        let mut new = Soc::new(flash);
+        new.rcc = Rcc::new(cause, self.rcc.reset_flags());
+        new.now = self.now;
+        new.instructions = self.instructions;
+        new.host = std::mem::take(&mut self.host);
+        new.outside = self.outside.clone();
+        new.dac_events = std::mem::take(&mut self.dac_events);
+        new.errors = std::mem::take(&mut self.errors);
+        new.encoder_pins = self.encoder_pins;
+        new.encoder = self.encoder;
+        new.dac_seen = self.dac_seen;
+        new.set_clocks(new.rcc.clocks);
+        *self = new;
+        self.note_dac();
+    }
+
+    /// Runs `f` with what it may know of its surroundings.
+    fn with<T>(&mut self, f: impl FnOnce(&mut Soc, &mut Context) -> T) -> T {
+        let mut errors = std::mem::take(&mut self.errors);
+        let (now, pc) = (self.now, self.pc);
+        let result = f(
+            self,
+            &mut Context {
+                now,
+                pc,
+                errors: &mut errors,
+            },
+        );
+        self.errors = errors;
+        result
+    }
+
+    /// Records a mistake.
+    pub fn error(&mut self, text: impl Into<String>) {
+        self.errors.add(self.now, self.pc, text.into());
+    }
+
+    // ---- time ----------------------------------------------------------------------------------
+
+    /// When something happens next that the core can notice.
+    pub fn next_event(&self) -> Time {
+        let timers = self
+            .tims
+            .iter()
+            .fold(NEVER, |next, tim| next.min(tim.next()));
+        timers
+            .min(self.adc.next())
+            .min(self.usart.next(&self.host))
+            .min(self.iwdg.next())
+            .min(self.systick.next())
+            .min(self.flash.next())
+    }
+
+    /// Lets happen all that is due.
+    pub fn fire_due(&mut self) {
+        while self.next_event() <= self.now && self.reset.is_none() {
+            self.fire();
+        }
+    }
+
+    fn fire(&mut self) {
+        for index in 0..TIMERS {
+            if self.tims[index].next() <= self.now {
+                let pulses = self.tims[index].fire(self.now);
+                self.spread(index, pulses);
+            }
+        }
+        if self.adc.next() <= self.now {
+            let volts = self.adc_volts();
+            self.adc.finish(volts, self.now);
+        }
+        if self.usart.next(&self.host) <= self.now {
+            let wired = [gpio::LINK_TX, gpio::LINK_RX];
+            let wired = wired.map(|pin| self.gpio.mode(pin) == Mode::Alternate(7));
+            self.with(|soc, cx| soc.usart.fire(&mut soc.host, (wired[0], wired[1]), cx));
+        }
+        if self.systick.fire(self.now) {
+            self.nvic.pend(SYS_TICK);
+        }
+        self.flash.fire(self.now);
+        if self.iwdg.next() <= self.now {
+            self.reset = Some(ResetCause::Watchdog);
+        }
+        self.update_lines();
+    }
+
+    /// Carries the edges of a timer to who listens.
+    fn spread(&mut self, index: usize, pulses: Pulses) {
+        if pulses == Pulses::default() {
+            return;
+        }
+        let number = index + 2;
+        if pulses.trgo {
+            self.dac.trigger(number);
+            self.note_dac();
+            self.with(|soc, cx| soc.adc.trigger((number, None), cx));
+        }
+        for channel in (0..4).filter(|channel| pulses.compare >> channel & 1 != 0) {
+            self.with(|soc, cx| soc.adc.trigger((number, Some(channel + 1)), cx));
+        }
+    }
+
+    fn set_clocks(&mut self, clocks: Clocks) {
+        let now = self.now;
+        let unit = |hz| period(hz).0;
+        self.tims
+            .iter_mut()
+            .for_each(|tim| tim.set_clock(now, unit(clocks.timclk1_hz)));
+        self.adc.set_clock(unit(clocks.pclk2_hz));
+        self.usart.set_clock(unit(clocks.pclk1_hz));
+        self.systick.set_clock(now, clocks.cycle());
+        self.cycles.set_clock(now, clocks.cycle());
+        self.cycle = clocks.cycle();
+    }
+
+    /// What a clock needs of regulator and flash (RM0390 tables 6 and 18).
+    fn check_clock(&mut self) {
+        let hz = self.rcc.clocks.hclk_hz;
+        if hz > self.pwr.hclk_max_hz() {
+            self.error(format!(
+                "PWR: {hz} Hz needs another voltage scale or over-drive"
+            ));
+        }
+        if hz > (self.flash.latency() + 1) * 30_000_000 {
+            let latency = self.flash.latency();
+            self.error(format!(
+                "FLASH: {latency} wait states are too few for {hz} Hz"
+            ));
+        }
+    }
+
+    // ---- signals -------------------------------------------------------------------------------
+
+    fn adc_volts(&mut self) -> f64 {
+        let channel = self.adc.channel();
+        let Some(pin) = gpio::adc_pin(channel) else {
+            if !self.adc.internal_channels() {
+                self.error(format!("ADC1: channel {channel} converted without TSVREFE"));
+                return 0.0;
+            }
+            // the temperature sensor at 25 °C, by its datasheet
+            return if channel == 17 { VREFINT_VOLTS } else { 0.76 };
+        };
+        if self.gpio.mode(pin) != Mode::Analog {
+            self.error(format!("ADC1: {pin} is converted, but it is not analog"));
+            return 0.0;
+        }
+        self.outside.volts[usize::from(pin.port)][usize::from(pin.number)]
+    }
+
+    /// Voltage that a DAC channel (0 or 1) puts on its pin; none if the pin floats.
+    pub fn dac_volts(&self, channel: usize) -> Option<f64> {
+        let connected = self.gpio.mode(gpio::DAC_PINS[channel]) == Mode::Analog;
+        self.dac.volts(channel).filter(|_| connected)
+    }
+
+    fn note_dac(&mut self) {
+        for channel in 0..2 {
+            let volts = self.dac_volts(channel);
+            if volts != self.dac_seen[channel] {
+                self.dac_seen[channel] = volts;
+                let time_ns = to_ns(self.now);
+                self.dac_events.push(DacEvent {
+                    time_ns,
+                    channel: channel + 1,
+                    volts,
+                });
+            }
+        }
+    }
+
+    /// Level that the chip drives a pin to; none if it does not.
+    pub fn output(&self, pin: Pin) -> Option<bool> {
+        self.gpio.output(pin)
+    }
+
+    /// Turns the encoder to `position` edges. A timer counts only if its inputs are A and B.
+    pub fn set_encoder(&mut self, position: i64) {
+        let delta = position - self.encoder;
+        self.encoder = position;
+        let [a, b] = self.encoder_pins;
+        let phase = position.rem_euclid(4);
+        for (pin, high) in [(a, phase == 1 || phase == 2), (b, phase >= 2)] {
+            self.outside.levels[usize::from(pin.port)][usize::from(pin.number)] = Some(high);
+        }
+        for timer in 2..=5 {
+            let edges = match self.gpio.timer_inputs(timer) {
+                inputs if inputs == [Some(a), Some(b)] => delta,
+                inputs if inputs == [Some(b), Some(a)] => -delta,
+                _ => 0,
+            };
+            self.tims[timer - 2].encoder_edges(edges);
+        }
+        self.update_lines();
+    }
+
+    /// Interrupt lines of all peripherals into the NVIC.
+    fn update_lines(&mut self) {
+        let mut lines = 0u128;
+        let mut set = |irq: u32, high: bool| lines |= u128::from(high) << irq;
+        for (tim, irq) in self.tims.iter().zip(TIMER_IRQ) {
+            set(irq, tim.irq());
+        }
+        set(USART2_IRQ, self.usart.irq());
+        set(ADC_IRQ, self.adc.irq());
+        set(FLASH_IRQ, self.flash.irq());
+        for (dma, irqs) in self.dma.iter().zip(DMA_IRQ) {
+            for (stream, irq) in irqs.into_iter().enumerate() {
+                set(irq, dma.irq(stream));
+            }
+        }
+        self.nvic.set_lines(lines);
+    }
+
+    // ---- DMA -----------------------------------------------------------------------------------
+
+    /// The first request of a peripheral that a stream listens to.
+    fn request(&self) -> Option<(usize, usize, u32)> {
+        let served = |wanted: bool, line: (usize, usize, u32)| {
+            let (controller, stream, channel) = line;
+            let on = wanted && self.rcc.is_on(Bus::Ahb1, 21 + controller as u32);
+            (on && self.dma[controller].listens(stream, channel)).then_some(line)
+        };
+        served(self.adc.wants_dma, ADC1_DMA[0])
+            .or_else(|| served(self.adc.wants_dma, ADC1_DMA[1]))
+            .or_else(|| served(self.usart.wants_rx_dma(), USART2_RX_DMA))
+            .or_else(|| served(self.usart.wants_tx_dma(), USART2_TX_DMA))
+    }
+
+    /// Whether there is an item to move.
+    pub fn is_asked_for_transfer(&self) -> bool {
+        self.request().is_some()
+    }
+
+    /// The next item to move, if there is one; the caller moves it.
+    pub fn next_transfer(&mut self) -> Option<(usize, usize, Transfer)> {
+        let (controller, stream, channel) = self.request()?;
+        let transfer = self.dma[controller].request(stream, channel)?;
+        if controller == 1 && transfer.last {
+            self.adc.stream_ended();
+        }
+        self.update_lines();
+        Some((controller, stream, transfer))
+    }
+
+    /// A transfer went to an address where nothing is.
+    pub fn transfer_failed(&mut self, controller: usize, stream: usize, transfer: Transfer) {
+        self.dma[controller].failed(stream);
+        self.error(format!(
+            "DMA{} stream {stream}: bus error, {transfer:x?}",
+            controller + 1
+        ));
+        self.update_lines();
+    }
+
+    // ---- registers -----------------------------------------------------------------------------
+
+    /// The block at `address` if it exists and has its clock; else the mistake is recorded.
+    fn reach(&mut self, address: u32, verb: &str) -> Option<Block> {
+        let Some((block, gate)) = block_at(address) else {
+            let page = address & !0x3ff;
+            self.error(format!(
+                "model: nothing is modelled at {page:#010x}, {verb}"
+            ));
+            return None;
+        };
+        if gate.is_none_or(|(bus, bit)| self.rcc.is_on(bus, bit)) {
+            return Some(block);
+        }
+        self.error(format!(
+            "RCC: {} {verb} while its clock is off",
+            name(block)
+        ));
+        None
+    }
+
+    /// Reads the word at `address` (a multiple of 4).
+    pub fn read(&mut self, address: u32) -> u32 {
+        self.fire_due();
+        let Some(block) = self.reach(address, "read") else {
+            return 0;
+        };
+        let offset = address & 0x3ff;
+        let value = match block {
+            Block::Tim(index) => self.tims[index].read(offset, self.now),
+            Block::Iwdg => self.iwdg.read(offset, self.now),
+            Block::Usart2 => self.usart.read(offset),
+            Block::Pwr => self.pwr.read(offset),
+            Block::Dac => self.dac.read(offset),
+            Block::Adc => self.adc.read(offset),
+            Block::Gpio(port) => self.gpio.read(port, offset, &self.outside),
+            Block::Rcc => self.rcc.read(offset),
+            Block::Flash => self.flash.read(offset),
+            Block::Dma(index) => self.dma[index].read(offset),
+            Block::Memory(_) => self.memory.get(&address).copied().unwrap_or(0),
+        };
+        // only these two change by being read
+        if matches!(block, Block::Usart2 | Block::Adc) {
+            self.update_lines();
+        }
+        value
+    }
+
+    /// Writes the word at `address` (a multiple of 4).
+    pub fn write(&mut self, address: u32, value: u32) {
+        self.fire_due();
+        let Some(block) = self.reach(address, "written") else {
+            return;
+        };
+        let offset = address & 0x3ff;
+        match block {
+            Block::Tim(index) => {
+                let pulses = self.with(|soc, cx| soc.tims[index].write(offset, value, cx));
+                self.spread(index, pulses);
+            }
+            Block::Iwdg => self.iwdg.write(offset, value, self.now),
+            Block::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
+            Block::Pwr => self.pwr.write(offset, value),
+            Block::Dac => self.with(|soc, cx| soc.dac.write(offset, value, cx)),
+            Block::Adc => self.with(|soc, cx| soc.adc.write(offset, value, cx)),
+            Block::Gpio(port) => self.gpio.write(port, offset, value),
+            Block::Rcc => self.write_rcc(offset, value),
+            Block::Flash => self.with(|soc, cx| soc.flash.write(offset, value, cx)),
+            Block::Dma(index) => self.with(|soc, cx| soc.dma[index].write(offset, value, cx)),
+            Block::Memory(_) => {
+                self.memory.insert(address, value);
+            }
+        }
+        if matches!(block, Block::Dac | Block::Gpio(_) | Block::Rcc) {
+            self.note_dac();
+        }
+        if matches!(block, Block::Rcc | Block::Pwr | Block::Flash) {
+            self.check_clock();
+        }
+        self.update_lines();
+    }
+
+    fn write_rcc(&mut self, offset: u32, value: u32) {
+        if self.with(|soc, cx| soc.rcc.write(offset, value, cx)) {
+            self.set_clocks(self.rcc.clocks);
+        }
+        let unit = |hz| period(hz).0;
+        let clocks = self.rcc.clocks;
+        let bits = |range: std::ops::Range<u32>| range.filter(move |bit| value >> bit & 1 != 0);
+        match offset {
+            0x10 => {
+                bits(0..8).for_each(|port| self.gpio.reset(port as usize));
+                bits(21..23).for_each(|bit| {
+                    self.dma[bit as usize - 21] = Dma::new(bit as usize - 20);
+                });
+            }
+            0x20 => {
+                bits(0..6).for_each(|bit| {
+                    let number = bit as usize + 2;
+                    self.tims[bit as usize] = Tim::new(number, unit(clocks.timclk1_hz));
+                });
+                bits(17..18).for_each(|_| self.usart = Usart::new(unit(clocks.pclk1_hz)));
+                bits(28..29).for_each(|_| self.pwr = Pwr::default());
+                bits(29..30).for_each(|_| self.dac = Dac::default());
+            }
+            0x24 => bits(8..9).for_each(|_| self.adc = Adc::new(unit(clocks.pclk2_hz))),
+            _ => {}
+        }
+    }
+
+    /// A store to the flash's addresses.
+    pub fn program(&mut self, address: u32, size: usize, value: u64) {
+        self.with(|soc, cx| soc.flash.program(address, size, value, cx));
+    }
+
+    /// Reads a word of the private peripheral bus, 0xE000_0000 to 0xE00F_FFFF.
+    pub fn read_private(&mut self, address: u32) -> u32 {
+        self.fire_due();
+        let low = address & 0xfff;
+        match address & !0xfff {
+            0xe000_1000 if low < 8 => self.cycles.read(low, self.now),
+            0xe000_e000 => match low {
+                0x010..=0x01f => self.systick.read(low, self.now),
+                0x100..=0x4ff | 0xd18..=0xd23 => self.nvic.read(low),
+                0xd04 => self.nvic.icsr(),
+                // eight regions of the memory protection unit
+                0xd90 => 0x800,
+                _ => match self.scb.read(low) {
+                    Some(value) => value,
+                    None => self.memory.get(&address).copied().unwrap_or(0),
+                },
+            },
+            // DBGMCU_IDCODE of the F446
+            _ if address == 0xe004_2000 => 0x1000_6421,
+            _ => self.memory.get(&address).copied().unwrap_or(0),
+        }
+    }
+
+    /// Writes to the private peripheral bus; `address` need not be a multiple of 4.
+    pub fn write_private(&mut self, address: u32, value: u32, size: usize) {
+        self.fire_due();
+        let low = address & 0xfff;
+        match address & !0xfff {
+            0xe000_1000 if low < 8 => self.cycles.write(low, value, self.now),
+            0xe000_e000 => match low {
+                0x010..=0x01f => self.systick.write(low, value, self.now),
+                0x100..=0x4ff | 0xd18..=0xd23 => self.nvic.write(low, value, size),
+                0xd04 => self.nvic.write_icsr(value),
+                0xf00 => self.nvic.pend(16 + (value & 0x1ff) as usize),
+                0xd94 if value & 1 != 0 => self.error("model: no memory protection unit"),
+                _ => self.write_core(address, value),
+            },
+            _ => self.write_core(address, value),
+        }
+        self.update_lines();
+    }
+
+    fn write_core(&mut self, address: u32, value: u32) {
+        match address {
+            0xe000_ed0c if value >> 16 == 0x05fa => self.nvic.prigroup = value >> 8 & 7,
+            0xe000_edfc => {
+                self.cycles.advance(self.now, false);
+                self.cycles.trace_on = value & 1 << 24 != 0;
+            }
+            0xe004_2004 => {
+                self.cycles.advance(self.now, false);
+                self.cycles.runs_in_sleep = value & 1 != 0;
+            }
+            _ => {}
+        }
+        if address >> 12 != 0xe000e || !self.scb.write(address & 0xfff, value) {
+            self.memory.insert(address, value);
+        }
+        if self.scb.reset_requested {
+            self.reset = Some(ResetCause::Software);
+        }
+    }
+}
+
+/// Whether `address` is in the flash.
+pub fn is_flash(address: u32) -> bool {
+    address.wrapping_sub(flash::BASE) < flash::LEN as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::time::from_ns;
+
+    const RCC: u32 = 0x4002_3800;
+
+    fn soc(writes: &[(u32, u32)]) -> Soc {
+        let mut soc = Soc::new(Flash::new(vec![]));
+        for (address, value) in writes {
+            soc.write(*address, *value);
+        }
+        soc
+    }
+
+    fn texts(soc: &Soc) -> Vec<&str> {
+        soc.errors.list.iter().map(|e| e.text.as_str()).collect()
+    }
+
+    #[test]
+    fn peripheral_without_its_clock_reads_zero_and_ignores_writes() {
+        let mut soc = soc(&[(0x4002_0018, 1)]);
+        assert_eq!(soc.read(0x4002_0000), 0);
+        let expected = [
+            "RCC: GPIOA written while its clock is off",
+            "RCC: GPIOA read while its clock is off",
+        ];
+        assert_eq!(texts(&soc), expected);
+        soc.write(RCC + 0x30, 1);
+        assert_eq!(soc.read(0x4002_0000), 0xa800_0000);
+        assert_eq!(soc.read(0x4002_0014), 0, "the write was lost");
+    }
+
+    #[test]
+    fn addresses_without_a_model_are_named() {
+        let mut soc = soc(&[]);
+        soc.read(0x4000_5400);
+        assert_eq!(
+            texts(&soc),
+            ["model: nothing is modelled at 0x40005400, read"]
+        );
+    }
+
+    #[test]
+    fn encoder_reaches_the_timer_only_through_its_pins() {
+        let on = [
+            (RCC + 0x30, 1),
+            (RCC + 0x40, 1 << 3),
+            (0x4000_0c08, 3),
+            (0x4000_0c00, 1),
+        ];
+        let mut soc = soc(&on);
+        soc.set_encoder(5);
+        assert_eq!(soc.read(0x4000_0c24), 0);
+        soc.write(0x4002_0020, 0x22);
+        soc.write(0x4002_0000, 0xa800_000a);
+        soc.set_encoder(12);
+        assert_eq!(soc.read(0x4000_0c24), 7);
+        soc.encoder_pins.swap(0, 1);
+        soc.set_encoder(14);
+        assert_eq!(soc.read(0x4000_0c24), 5, "swapped wires count down");
+    }
+
+    #[test]
+    fn dac_pin_floats_until_it_is_analog() {
+        let on = [
+            (RCC + 0x30, 1),
+            (RCC + 0x40, 1 << 29),
+            (0x4000_7400, 3),
+            (0x4000_7408, 1365),
+        ];
+        let mut soc = soc(&on);
+        assert_eq!(soc.dac_volts(0), None);
+        soc.write(0x4002_0000, 0xa800_0300);
+        assert_eq!(soc.dac_volts(0), Some(1.1));
+        soc.reset(ResetCause::Pin);
+        assert_eq!(soc.dac_volts(0), None);
+        let volts: Vec<_> = soc.dac_events.iter().map(|e| e.volts).collect();
+        assert_eq!(volts, [Some(1.1), None]);
+    }
+
+    #[test]
+    fn timer_update_starts_the_adc_and_the_dma_empties_it() {
+        let mut soc = soc(&[
+            (RCC + 0x30, 1 << 22 | 1 << 2),
+            (RCC + 0x40, 1),
+            (RCC + 0x44, 1 << 8),
+            (0x4002_0800, 0b1111),
+            // TIM2: update is TRGO, 16 MHz / 16 / 10 000
+            (0x4000_0028, 15),
+            (0x4000_002c, 9_999),
+            (0x4000_0014, 1),
+            (0x4000_0004, 2 << 4),
+            // DMA2 stream 0: two half-words, circular
+            (0x4002_6414, 2),
+            (0x4002_6418, 0x4001_204c),
+            (0x4002_641c, 0x2000_0000),
+            (
+                0x4002_6410,
+                1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1,
+            ),
+            // ADC1: scan of channels 10 and 11, triggered by TIM2 TRGO, DMA
+            (0x4001_2004, 1 << 8),
+            (0x4001_202c, 1 << 20),
+            (0x4001_2034, 10 | 11 << 5),
+            (0x4001_2008, 1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1),
+            (0x4000_0000, 1),
+        ]);
+        soc.outside.volts[2][0] = 1.65;
+        soc.outside.volts[2][1] = 3.3;
+        let mut moved = vec![];
+        while moved.len() < 4 {
+            soc.now = soc.next_event();
+            soc.fire_due();
+            while let Some((_, _, transfer)) = soc.next_transfer() {
+                moved.push((transfer.to, soc.read(transfer.from)));
+            }
+        }
+        let both = [(0x2000_0000, 2048), (0x2000_0002, 4095)];
+        assert_eq!(moved, [both, both].concat());
+        assert!(soc.now > from_ns(20_000_000) && soc.now < from_ns(20_100_000));
+        assert_eq!(texts(&soc), Vec::<&str>::new());
+    }
+
+    #[test]
+    fn reset_keeps_time_and_what_is_outside() {
+        let mut soc = soc(&[(RCC + 0x30, 1)]);
+        soc.now = 1000;
+        soc.set_encoder(7);
+        soc.reset(ResetCause::Watchdog);
+        assert_eq!((soc.now, soc.encoder), (1000, 7));
+        assert_eq!(soc.read(RCC + 0x74) >> 24, 0x2e);
+        assert_eq!(soc.read(RCC + 0x30), 0);
+    }
+
+    #[test]
+    fn cycle_counter_needs_trace() {
+        let mut soc = soc(&[]);
+        soc.write_private(0xe000_edfc, 1 << 24, 4);
+        soc.write_private(0xe000_1000, 1, 4);
+        soc.now += 3150 * 5;
+        assert_eq!(soc.read_private(0xe000_1004), 5);
+    }
+}

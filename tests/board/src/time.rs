@@ -1,0 +1,51 @@
+//! Exact time: one unit is 1/50.4 GHz, whole in every clock the board can run on.
+
+/// A point in time, or a duration, in units of 1/50.4 GHz since power was first applied.
+pub type Time = u64;
+
+/// Units in a second: a common multiple of 8, 16, 45, 84, 90, 168 and 180 MHz and of 32 kHz.
+pub const UNITS_PER_S: Time = 50_400_000_000;
+
+/// Later than everything.
+pub const NEVER: Time = Time::MAX;
+
+/// The first unit at or after `time_ns`.
+pub fn from_ns(time_ns: u64) -> Time {
+    (u128::from(time_ns) * 504).div_ceil(10) as Time
+}
+
+/// Whole nanoseconds in `time`.
+pub fn to_ns(time: Time) -> u64 {
+    (u128::from(time) * 10 / 504) as u64
+}
+
+/// Units in one period of `clock_hz`, and whether they are whole.
+pub fn period(clock_hz: u64) -> (Time, bool) {
+    (UNITS_PER_S / clock_hz, UNITS_PER_S.is_multiple_of(clock_hz))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nanoseconds_survive_the_way_there_and_back() {
+        for time_ns in [0, 1, 9, 10_000_000, 123_456_789_012_345] {
+            assert_eq!(to_ns(from_ns(time_ns)), time_ns);
+        }
+    }
+
+    #[test]
+    fn clocks_of_the_board_are_whole() {
+        for hz in [
+            8_000_000,
+            16_000_000,
+            45_000_000,
+            90_000_000,
+            180_000_000,
+            32_000,
+        ] {
+            assert!(period(hz).1, "{hz}");
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! The tick: exact, short, and delayed by nothing.
+
+use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
+use emulated_board::ExceptionEvent;
+use model_core::link::ToDevice;
+
+/// A tick as the core saw it.
+struct Seen {
+    /// When the interrupt was entered.
+    time_ns: u64,
+    instructions: u64,
+}
+
+/// Ticks in `events`, which begin and end outside of one. What preempted them would count too.
+fn ticks(events: &[ExceptionEvent]) -> Vec<Seen> {
+    let ticks: Vec<_> = events
+        .iter()
+        .filter(|e| e.exception == TICK_EXCEPTION)
+        .collect();
+    ticks
+        .chunks_exact(2)
+        .map(|pair| Seen {
+            time_ns: pair[0].time_ns,
+            instructions: pair[1].instructions - pair[0].instructions,
+        })
+        .collect()
+}
+
+/// Spread of the ticks about a grid of 10 ms.
+fn jitter_ns(ticks: &[Seen]) -> u64 {
+    let offsets = ticks
+        .iter()
+        .zip(0..)
+        .map(|(tick, n)| tick.time_ns - n * TICK_NS);
+    let (low, high) = offsets.fold((u64::MAX, 0), |(low, high), o| (low.min(o), high.max(o)));
+    high - low
+}
+
+/// Ticks of two seconds in which `each_ms` may disturb.
+fn watch(rig: &mut Rig, mut each_ms: impl FnMut(&mut Rig, u64)) -> Vec<Seen> {
+    rig.board.trace_exceptions(true);
+    for ms in 0..2_000 {
+        each_ms(rig, ms);
+        rig.run_ms(1);
+    }
+    ticks(&rig.board.exceptions())
+}
+
+#[test]
+fn ticks_come_each_10_ms_and_take_less_than_a_hundredth() {
+    let Some(mut rig) = Rig::after_ms(15) else {
+        return;
+    };
+    let ticks = watch(&mut rig, |_, _| {});
+    assert_eq!(ticks.len(), 200);
+    let jitter_ns = jitter_ns(&ticks);
+    let longest = ticks.iter().map(|t| t.instructions).max().unwrap_or(0);
+    println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
+    assert!(jitter_ns < 100, "{jitter_ns} ns");
+    assert!(
+        longest < 18_000,
+        "{longest} instructions are more than 1 % of 10 ms"
+    );
+    let telemetry = rig.telemetry();
+    assert!(telemetry.iter().all(|t| t.timing.missed_ticks == 0));
+    rig.assert_no_errors();
+}
+
+#[test]
+fn the_board_measures_the_same_jitter_and_duration() {
+    let Some(mut rig) = Rig::after_ms(500) else {
+        return;
+    };
+    for telemetry in rig.telemetry() {
+        assert!(telemetry.timing.late_cycles < 180, "{:?}", telemetry.timing);
+        assert!(
+            telemetry.timing.busy_cycles < 18_000,
+            "{:?}",
+            telemetry.timing
+        );
+    }
+}
+
+#[test]
+fn flood_on_the_link_delays_no_tick() {
+    let Some(mut rig) = Rig::after_ms(15) else {
+        return;
+    };
+    let mut seed = 1_u64;
+    let flood = |rig: &mut Rig, ms: u64| {
+        // 93 bytes a millisecond at full rate: half of them noise, half of them questions
+        while rig.board.link_unsent() < 200 {
+            let noise: Vec<u8> = (0..40).map(|_| next(&mut seed)).collect();
+            rig.board.link_send(&noise);
+            rig.board.link_send(&[0]);
+            rig.send(&if ms.is_multiple_of(2) {
+                ToDevice::Identify
+            } else {
+                ToDevice::ReadSettings
+            });
+        }
+    };
+    let ticks = watch(&mut rig, flood);
+    let jitter_ns = jitter_ns(&ticks);
+    let longest = ticks.iter().map(|t| t.instructions).max().unwrap_or(0);
+    println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
+    assert_eq!(ticks.len(), 200);
+    assert!(jitter_ns < 2_000, "{jitter_ns} ns");
+    rig.run_ms(50);
+    rig.telemetry();
+    let last = rig.last_telemetry();
+    assert_eq!((last.timing.missed_ticks, last.output.fault), (0, None));
+    assert!(rig.identity().frames_rejected > 100);
+    rig.assert_no_errors();
+}
+
+#[test]
+fn telemetry_of_every_tick_arrives_within_four_milliseconds() {
+    let Some(mut rig) = Rig::after_ms(15) else {
+        return;
+    };
+    rig.messages();
+    rig.board.trace_exceptions(true);
+    rig.run_ms(1_000);
+    let ticks = ticks(&rig.board.exceptions());
+    let telemetry = rig.messages();
+    assert!(telemetry.len() >= 99, "{}", telemetry.len());
+    for (tick, (time_ns, _)) in ticks.iter().zip(telemetry) {
+        let delay_ns = time_ns.saturating_sub(tick.time_ns);
+        assert!((1..4 * MS).contains(&delay_ns), "{delay_ns} ns");
+    }
+}
+
+/// Noise (xorshift).
+fn next(seed: &mut u64) -> u8 {
+    *seed ^= *seed << 13;
+    *seed ^= *seed >> 7;
+    *seed ^= *seed << 17;
+    *seed as u8
+}
