@@ -314,11 +314,7 @@ pub fn run_with<T: Ticker>(
     experiment: &Experiment,
     controller: &mut T,
 ) -> Result<(), T::Error> {
-    let simulated = Simulated {
-        pressure: true,
-        motion: true,
-    };
-    let plant = Plant::new(rig, simulated).map_err(Error::from)?;
+    let plant = Plant::new(rig, Simulated::WHOLE).map_err(Error::from)?;
     let hand = Hand {
         assist: *rig.require_assist().map_err(Error::from)?,
         initial_length_m: rig.muscle.initial_length_m,

@@ -137,11 +137,7 @@ impl Linearisation {
 pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<f64>), BadInput> {
     let mut nominal = rig.clone();
     nominal.effects.clear();
-    let whole = Simulated {
-        pressure: true,
-        motion: true,
-    };
-    let mut plant = Plant::new(&nominal, whole)?;
+    let mut plant = Plant::new(&nominal, Simulated::WHOLE)?;
     let regime = Regime {
         motion: Motion::Rising,
         charging: true,

@@ -168,6 +168,6 @@ pub fn assist_run(
     name: &str,
     job: &Job,
     ticks: Vec<Tick>,
-) -> Result<AssistRun, crate::paper::Error> {
+) -> Result<AssistRun, closed_loop::Error> {
     AssistRun::new(name, job.rig, job.settings, job.experiment, ticks)
 }

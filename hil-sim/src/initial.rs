@@ -1,8 +1,8 @@
 //! The initial state of a record, estimated from what it measured in its first second.
 //!
 //! The same way for every rig: a weight whose measured contraction shows no trend at first is at
-//! rest where it was measured; else place and speed, and in either case the pressure, are fitted so
-//! that the simulation of the first quarter of a second meets the measurements.
+//! rest where it was measured; else place and speed are fitted, and in either case the pressure and
+//! the gas's temperature, so that the simulation of the first half second meets the measurements.
 
 use crate::design;
 use crate::error::BadInput;
@@ -20,8 +20,12 @@ use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Vector3};
 const LOOK_S: f64 = 1.0;
 /// In this time a weight at rest shows no trend \[s\].
 const REST_S: f64 = 0.1;
-/// Simulation and measurement are made to meet over this time \[s\].
-const FIT_S: f64 = 0.25;
+/// Simulation and measurement are made to meet over this time \[s\]: some times the one in which a
+/// muscle's gas takes the temperature of its wall.
+const FIT_S: f64 = 0.5;
+/// Standard deviation of the gas's temperature about the ambient one, where it was not measured
+/// \[K\]: a fast stroke before the record leaves some tens of kelvin at most.
+const TEMPERATURE_PRIOR_K: f64 = 10.0;
 /// Each of these is at least so many samples.
 const SAMPLES_MIN: usize = 6;
 /// A slope is a motion when it is so many of its standard errors.
@@ -157,15 +161,9 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
         },
     };
     let moving = inputs.simulated.motion && contraction_rate_per_s != 0.0;
-    let fit = Fit::new(
-        rig,
-        inputs,
-        start,
-        measured_contraction,
-        measured_pressure,
-        moving,
-    );
-    Ok(fit.solve())
+    let measured = [measured_contraction, measured_pressure];
+    let warm = temperature.values.is_empty();
+    Ok(Fit::new(rig, inputs, start, measured, moving, warm).solve())
 }
 
 /// The unknown part of the initial state, and the measurements it is to meet.
@@ -177,6 +175,8 @@ struct Fit<'a> {
     moving: bool,
     /// The pressure is unknown.
     pressure: bool,
+    /// The gas's temperature is unknown.
+    temperature: bool,
     /// Contraction and pressure: samples, and one over their noise.
     measured: [(Samples, f64); 2],
     /// Deviations from `start`, in units of [`Fit::UNITS`].
@@ -184,16 +184,17 @@ struct Fit<'a> {
 }
 
 impl<'a> Fit<'a> {
-    /// Units of the unknowns: contraction \[-\], its rate \[1/s\], pressure \[Pa\].
-    const UNITS: [f64; 3] = [1e-3, 1e-2, 1e3];
+    /// Units of the unknowns: contraction \[-\], its rate \[1/s\], pressure \[Pa\], temperature
+    /// \[K\].
+    const UNITS: [f64; 4] = [1e-3, 1e-2, 1e3, 1.0];
 
     fn new(
         rig: &'a Rig,
         inputs: &'a Inputs<'a>,
         start: Initial,
-        mut contraction: Samples,
-        mut pressure: Samples,
+        [mut contraction, mut pressure]: [Samples; 2],
         moving: bool,
+        warm: bool,
     ) -> Self {
         let noise = [
             contraction.noise().max(NOISE_MIN[0]),
@@ -208,13 +209,19 @@ impl<'a> Fit<'a> {
         } else {
             0
         });
-        let unknowns = usize::from(fits_pressure) + if moving { 2 } else { 0 };
+        let temperature = fits_pressure && warm && pressure.rows.len() > SAMPLES_MIN;
+        let unknowns = 2 * usize::from(moving)
+            + [fits_pressure, temperature]
+                .map(usize::from)
+                .iter()
+                .sum::<usize>();
         Fit {
             rig,
             inputs,
             start,
             moving,
             pressure: fits_pressure,
+            temperature,
             measured: [(contraction, 1.0 / noise[0]), (pressure, 1.0 / noise[1])],
             parameters: DVector::zeros(unknowns),
         }
@@ -231,6 +238,9 @@ impl<'a> Fit<'a> {
         }
         if self.pressure {
             initial.pressure.0 += values.next().map_or(0.0, |value| value * Self::UNITS[2]);
+        }
+        if self.temperature {
+            initial.temperature_k += values.next().map_or(0.0, |value| value * Self::UNITS[3]);
         }
         initial
     }
@@ -252,6 +262,10 @@ impl<'a> Fit<'a> {
         }
         for (row, value) in pressure.rows.iter().zip(&pressure.values) {
             differences.push((readings[*row].pressure.0 - value) * per_pressure);
+        }
+        if self.temperature {
+            let warmer_k = initial.temperature_k - self.start.temperature_k;
+            differences.push(warmer_k / TEMPERATURE_PRIOR_K);
         }
         Some(DVector::from_vec(differences))
     }

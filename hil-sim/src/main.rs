@@ -8,7 +8,7 @@ use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
 use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, hil, paper, replay};
+use hil_sim::{closed_loop, hil, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -60,7 +60,7 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    Paper(#[from] paper::Error),
+    ClosedLoop(#[from] closed_loop::Error),
     #[error(transparent)]
     Link(#[from] LinkError),
 }
@@ -69,7 +69,7 @@ impl From<hil::Error> for Failure {
     fn from(error: hil::Error) -> Failure {
         match error {
             hil::Error::Link(error) => error.into(),
-            hil::Error::ClosedLoop(error) => paper::Error::from(error).into(),
+            hil::Error::ClosedLoop(error) => error.into(),
             hil::Error::NotWritten(error) => error.into(),
         }
     }
@@ -90,9 +90,7 @@ impl Failure {
             self,
             Failure::Input(_)
                 | Failure::NotWritten(_)
-                | Failure::Paper(
-                    paper::Error::Input(_) | paper::Error::ClosedLoop(closed_loop::Error::Input(_))
-                )
+                | Failure::ClosedLoop(closed_loop::Error::Input(_))
         )
     }
 }

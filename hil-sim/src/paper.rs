@@ -1,10 +1,10 @@
 //! The paper's experiments and figures, ours beside what the paper says.
 
-use crate::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Tracking};
+use crate::closed_loop::{self, Error, Experiment, Finger, TICK_S, Tick, Tracking};
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::plant::simulation::{Initial, Simulation, SimulationError, TOLERANCE};
+use crate::plant::simulation::{Initial, Simulation, TOLERANCE};
 use crate::plant::{Drive, Plant, Simulated};
 use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
 use crate::rig::Rig;
@@ -48,20 +48,6 @@ pub struct Summary {
     pub friction_loop_contraction: f64,
     /// Both valves.
     pub valves: Vec<ValveResult>,
-}
-
-/// Why the paper could not be run.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The rig lacks something.
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    /// A run left physics.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-    /// A closed loop did not run.
-    #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
 }
 
 /// `rig` with another valve.
@@ -300,13 +286,7 @@ fn fig_1(rig: &Rig) -> Result<(Plot, f64), Error> {
         lines.push(Series::new(&name, pressures.clone(), contractions).dashed());
     }
     // Slowly up and down, 10 kPa/s: the whole plant with its friction.
-    let plant = Plant::new(
-        rig,
-        Simulated {
-            pressure: false,
-            motion: true,
-        },
-    )?;
+    let plant = Plant::new(rig, Simulated::LOAD_ONLY)?;
     let initial = at_rest(0.0, GaugePa(0.0), &plant);
     let mut simulation = Simulation::new(plant, &initial, &Drive::default(), TOLERANCE);
     let mut branches = [Vec::new(), Vec::new()];
@@ -393,13 +373,7 @@ fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
     let contraction = design::equilibrium(&rig.muscle, start, weight.mass_kg).unwrap_or(0.0);
     for (name, gain) in valves {
         let rig = with_flow_gain(rig, gain)?;
-        let plant = Plant::new(
-            &rig,
-            Simulated {
-                pressure: true,
-                motion: true,
-            },
-        )?;
+        let plant = Plant::new(&rig, Simulated::WHOLE)?;
         let initial = at_rest(contraction, start, &plant);
         let mut drive = Drive {
             reference: start,

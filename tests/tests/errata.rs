@@ -9,7 +9,8 @@ use hil_sim::plant::gas::HEAT_RATIO;
 use hil_sim::plant::load::GRAVITY_M_PER_S2;
 use hil_sim::plant::simulation::{Initial, Simulation};
 use hil_sim::plant::{Drive, PRESSURE, Plant, Simulated};
-use hil_sim::rig::{Load, Rig, Weight};
+use hil_sim::rig::Rig;
+use integration_tests::{adiabatic, weight_mut, with_flow_gain};
 use model_core::assist::{Assist, reference_force_n};
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
@@ -25,34 +26,6 @@ const READING_HZ: f64 = 0.05;
 const ATMOSPHERIC_PA: f64 = 101_325.0;
 const MASS_KG: f64 = 12.0;
 const LENGTH_M: f64 = 0.3;
-
-const GAS_ONLY: Simulated = Simulated {
-    pressure: true,
-    motion: false,
-};
-const LOAD_ONLY: Simulated = Simulated {
-    pressure: false,
-    motion: true,
-};
-
-fn weight_mut(rig: &mut Rig) -> &mut Weight {
-    match &mut rig.load {
-        Load::Weight(weight) => weight,
-        Load::Prescribed => panic!("the reference rig has a weight"),
-    }
-}
-
-fn with_flow_gain(flow_gain_kg_per_pa_s: f64) -> Rig {
-    hil_sim::paper::with_flow_gain(&Rig::reference(), flow_gain_kg_per_pa_s).expect("a valve")
-}
-
-/// The rig without heat exchange, which Eq 10 leaves out.
-fn adiabatic(mut rig: Rig) -> Rig {
-    let gas = rig.gas.as_mut().expect("the reference rig has gas");
-    gas.heat_transfer_charging_w_per_m2_k = 0.0;
-    gas.heat_transfer_discharging_w_per_m2_k = 0.0;
-    rig
-}
 
 fn begin(rig: &Rig, what: Simulated, contraction: f64, pressure: GaugePa<f64>) -> Simulation {
     let plant = Plant::new(rig, what).expect("a complete rig");
@@ -80,7 +53,7 @@ fn hz(omega_rad_per_s: f64) -> f64 {
 #[test]
 fn vented_muscle_does_not_pull() {
     let rig = Rig::reference();
-    let simulation = begin(&rig, LOAD_ONLY, 0.0, GaugePa(0.0));
+    let simulation = begin(&rig, Simulated::LOAD_ONLY, 0.0, GaugePa(0.0));
     // Rounding of (α + β)·101 325 Pa.
     assert!((simulation.force_n() - rig.muscle.gamma_n).abs() < 1e-9);
     // With P absolute, air at rest would pull half the weight up.
@@ -95,7 +68,7 @@ fn vented_muscle_does_not_pull() {
 #[test]
 fn closed_vented_muscle_resists_compression() {
     let rig = adiabatic(with_flow_gain(0.0));
-    let mut simulation = begin(&rig, GAS_ONLY, 0.2, GaugePa(0.0));
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, 0.2, GaugePa(0.0));
     let volume = rig.volume.expect("the reference rig has a volume");
     let before_m3 = volume.volume_m3(0.2);
     simulation.prescribe_contraction(0.2, -0.5);
@@ -123,7 +96,7 @@ fn turning_points() -> Vec<(f64, f64)> {
     weight_mut(&mut rig).coulomb_friction_n = 0.0;
     weight_mut(&mut rig).static_friction_n = 0.0;
     let rest = linear_at(&rig, FIG_7).contraction;
-    let mut simulation = begin(&rig, LOAD_ONLY, rest + 1e-3, FIG_7);
+    let mut simulation = begin(&rig, Simulated::LOAD_ONLY, rest + 1e-3, FIG_7);
     let mut points = Vec::new();
     let (step_s, mut last) = (1e-4, 0.0);
     for step in 1..10_000_u32 {
@@ -256,7 +229,7 @@ fn valve_fills_to_its_supply_and_vents_to_the_atmosphere() {
     let rig = Rig::reference();
     // As printed, P goes wherever P_r is.
     for (printed_pa, possible_pa) in [(6e5, 5e5), (-0.5e5, 0.0)] {
-        let mut simulation = begin(&rig, GAS_ONLY, 0.2, GaugePa(2e5));
+        let mut simulation = begin(&rig, Simulated::GAS_ONLY, 0.2, GaugePa(2e5));
         let drive = Drive {
             reference: GaugePa(printed_pa),
             ..Drive::default()

@@ -8,7 +8,8 @@ use hil_sim::plant::gas::{
 use hil_sim::plant::load::{GRAVITY_M_PER_S2, Motion};
 use hil_sim::plant::simulation::{Initial, Simulation};
 use hil_sim::plant::{Drive, Plant, Simulated};
-use hil_sim::rig::{Gas, Load, Rig, Weight};
+use hil_sim::rig::Rig;
+use integration_tests::{adiabatic, gas_mut, weight_mut, with_flow_gain};
 use model_core::pressure::GaugePa;
 use nalgebra::{Complex, Matrix4, Vector4};
 
@@ -16,44 +17,6 @@ const TOLERANCE: f64 = 1e-9;
 const R: f64 = GAS_CONSTANT_J_PER_KG_K;
 const CV: f64 = HEAT_CONSTANT_VOLUME_J_PER_KG_K;
 const CP: f64 = HEAT_CONSTANT_PRESSURE_J_PER_KG_K;
-
-const GAS_ONLY: Simulated = Simulated {
-    pressure: true,
-    motion: false,
-};
-const LOAD_ONLY: Simulated = Simulated {
-    pressure: false,
-    motion: true,
-};
-const WHOLE: Simulated = Simulated {
-    pressure: true,
-    motion: true,
-};
-
-fn weight_mut(rig: &mut Rig) -> &mut Weight {
-    match &mut rig.load {
-        Load::Weight(weight) => weight,
-        Load::Prescribed => panic!("the reference rig has a weight"),
-    }
-}
-
-fn gas_mut(rig: &mut Rig) -> &mut Gas {
-    rig.gas.as_mut().expect("the reference rig has gas")
-}
-
-fn with_flow_gain(flow_gain_kg_per_pa_s: f64) -> Rig {
-    let mut rig = Rig::reference();
-    let valve = rig.valve.as_mut().expect("the reference rig has a valve");
-    valve.flow_gain_kg_per_pa_s = flow_gain_kg_per_pa_s;
-    rig
-}
-
-/// The rig without heat exchange.
-fn adiabatic(mut rig: Rig) -> Rig {
-    gas_mut(&mut rig).heat_transfer_charging_w_per_m2_k = 0.0;
-    gas_mut(&mut rig).heat_transfer_discharging_w_per_m2_k = 0.0;
-    rig
-}
 
 fn begin(rig: &Rig, what: Simulated, initial: Initial, tolerance: f64) -> Simulation {
     let plant = Plant::new(rig, what).expect("a complete rig");
@@ -103,7 +66,7 @@ fn squeeze(simulation: &mut Simulation, rate_per_s: f64, duration_s: f64) {
 #[test]
 fn closed_adiabatic_muscle_keeps_its_mass_and_its_isentrope() {
     let rig = adiabatic(with_flow_gain(0.0));
-    let mut simulation = begin(&rig, GAS_ONLY, at(0.05, 3e5, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), TOLERANCE);
     let (pressure_pa, volume_m3, mass_kg, _) = gas_of(&simulation);
     let isentrope = pressure_pa * volume_m3.powf(HEAT_RATIO);
     for rate_per_s in [0.4, -0.2, 0.8, -0.7] {
@@ -121,7 +84,7 @@ fn closed_muscle_with_a_perfect_wall_is_isothermal() {
     let mut rig = with_flow_gain(0.0);
     gas_mut(&mut rig).heat_transfer_charging_w_per_m2_k = 1e6;
     gas_mut(&mut rig).heat_transfer_discharging_w_per_m2_k = 1e6;
-    let mut simulation = begin(&rig, GAS_ONLY, at(0.05, 3e5, 293.0), 1e-8);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), 1e-8);
     let (pressure_pa, volume_m3, ..) = gas_of(&simulation);
     squeeze(&mut simulation, 0.02, 5.0);
     let (pressure_now_pa, volume_now_m3, ..) = gas_of(&simulation);
@@ -136,7 +99,7 @@ fn closed_muscle_with_a_perfect_wall_is_isothermal() {
 fn closed_valve_energy_balance() {
     for flow_gain in [0.0, 6.1e-9] {
         let rig = with_flow_gain(flow_gain);
-        let mut simulation = begin(&rig, GAS_ONLY, at(0.1, 2e5, 310.0), 1e-10);
+        let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.1, 2e5, 310.0), 1e-10);
         let (.., mass_kg, energy_j) = gas_of(&simulation);
         let rate_per_s = 0.3;
         let drive = Drive {
@@ -189,7 +152,7 @@ fn discharge_enthalpy_leaves_at_muscle_temperature() {
     // What stays in a venting vessel without heat exchange expands isentropically. Eq 4 as printed
     // (outflow at ambient temperature) would miss this by tens of kelvin.
     let rig = adiabatic(with_flow_gain(1.3e-7));
-    let mut simulation = begin(&rig, GAS_ONLY, at(0.2, 4e5, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 4e5, 293.0), TOLERANCE);
     let (pressure_pa, ..) = gas_of(&simulation);
     simulation
         .advance(&reference(0.5e5), 0.05)
@@ -203,7 +166,7 @@ fn discharge_enthalpy_leaves_at_muscle_temperature() {
 #[test]
 fn charging_enthalpy_comes_at_ambient_temperature() {
     let rig = adiabatic(with_flow_gain(1.3e-7));
-    let mut simulation = begin(&rig, GAS_ONLY, at(0.2, 0.0, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 0.0, 293.0), TOLERANCE);
     let (.., mass_kg, energy_j) = gas_of(&simulation);
     simulation
         .advance(&reference(4e5), 0.05)
@@ -217,7 +180,7 @@ fn charging_enthalpy_comes_at_ambient_temperature() {
 fn hot_gas_cools() {
     // Closed and still: θ − θ_a falls as exp(−h S_h t/(W C_v)). Eq 4 as printed would run away.
     let rig = with_flow_gain(0.0);
-    let mut simulation = begin(&rig, GAS_ONLY, at(0.2, 3e5, 400.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 3e5, 400.0), TOLERANCE);
     let (_, volume_m3, mass_kg, _) = gas_of(&simulation);
     let area_m2 = 2.0 * (std::f64::consts::PI * volume_m3 * 0.3 * 0.8).sqrt();
     simulation
@@ -246,7 +209,7 @@ fn weight_at_rest_stays_exactly_until_static_friction_is_exceeded() {
     let rig = Rig::reference();
     for (friction_n, motion) in [(7.0, Motion::Rising), (-7.0, Motion::Falling)] {
         let initial = at(0.15, carrying(0.15, 0.0), 293.0);
-        let mut simulation = begin(&rig, LOAD_ONLY, initial, TOLERANCE);
+        let mut simulation = begin(&rig, Simulated::LOAD_ONLY, initial, TOLERANCE);
         let rate_pa_per_s = 1e4 * f64::signum(friction_n);
         let breaks_s = (carrying(0.15, friction_n) - initial.pressure.0) / rate_pa_per_s;
         let drive = pressure_ramp(rate_pa_per_s);
@@ -269,7 +232,7 @@ fn weight_at_rest_stays_exactly_until_static_friction_is_exceeded() {
 #[test]
 fn falling_weight_meets_the_stop_without_a_bounce() {
     let rig = Rig::reference();
-    let mut simulation = begin(&rig, LOAD_ONLY, at(0.05, 0.0, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::LOAD_ONLY, at(0.05, 0.0, 293.0), TOLERANCE);
     let drive = pressure_ramp(0.0);
     simulation.advance(&drive, 0.02).expect("a solution");
     assert_eq!(simulation.motion(), Motion::Falling);
@@ -282,7 +245,7 @@ fn falling_weight_meets_the_stop_without_a_bounce() {
 /// Steps of the reference that move the weight and let it stick again; its sticking places.
 fn sticking_places(tolerance: f64) -> Vec<f64> {
     let rig = Rig::reference();
-    let mut simulation = begin(&rig, WHOLE, at(0.0, 0.0, 293.0), tolerance);
+    let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, 293.0), tolerance);
     let steps_pa = [
         2.0e5, 2.04e5, 2.6e5, 2.58e5, 3.4e5, 3.0e5, 3.05e5, 2.2e5, 1.9e5, 4.1e5,
     ];
@@ -316,7 +279,7 @@ fn two_tolerances_converge_to_the_same_sticking_places() {
 fn error_falls_with_the_tolerance() {
     let rig = Rig::reference();
     let end = |tolerance: f64| {
-        let mut simulation = begin(&rig, WHOLE, at(0.0, 0.0, 293.0), tolerance);
+        let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, 293.0), tolerance);
         for tick in 0..60 {
             let pressure_pa = 2.2e5 + 1.5e5 * (f64::from(tick) * 0.21).sin();
             let until_s = 0.01 * f64::from(tick + 1);
@@ -378,7 +341,7 @@ fn small_signals_follow_the_linearisation() {
     for frequency_hz in [2.0, 5.0] {
         let omega = 2.0 * std::f64::consts::PI * frequency_hz;
         let initial = at(linear.contraction, 3e5, 293.0);
-        let mut simulation = begin(&rig, WHOLE, initial, 1e-9);
+        let mut simulation = begin(&rig, Simulated::WHOLE, initial, 1e-9);
         let (hold_s, amplitude_pa) = (1e-3, 100.0);
         let per_period = (1.0 / (frequency_hz * hold_s)).round() as usize;
         // ζω₂ = 1.9/s: after 4 s the transient is below 1e-3 of itself.

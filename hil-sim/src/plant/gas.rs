@@ -105,9 +105,9 @@ impl GasBlock {
 
     /// Rates of absolute pressure \[Pa/s\] and temperature \[K/s\], Eqs 3 and 4 solved for them.
     ///
-    /// Eq 4 (energy, with the signs of the errata): d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ) − P V̇
-    /// + h S_h(θ_a − θ). With W = PV/(Rθ) its left side is (C_v/R)(V Ṗ + P V̇), which gives Ṗ; Eq
-    /// 3, P V̇ + V Ṗ = G R θ + W R θ̇, then gives θ̇. Valid for V > 0, P > 0, θ > 0.
+    /// Eq 4 (energy, with the signs of the errata) reads d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ)
+    /// − P V̇ + h S_h(θ_a − θ). With W = PV/(Rθ) its left side is (C_v/R)(V Ṗ + P V̇), which gives
+    /// Ṗ; then P V̇ + V Ṗ = G R θ + W R θ̇ (Eq 3) gives θ̇. Valid for V > 0, P > 0, θ > 0.
     #[inline]
     pub fn rates(
         &self,

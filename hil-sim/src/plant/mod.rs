@@ -53,6 +53,24 @@ pub struct Simulated {
     pub motion: bool,
 }
 
+impl Simulated {
+    /// Everything.
+    pub const WHOLE: Simulated = Simulated {
+        pressure: true,
+        motion: true,
+    };
+    /// Valve, line and gas; the contraction is an input.
+    pub const GAS_ONLY: Simulated = Simulated {
+        pressure: true,
+        motion: false,
+    };
+    /// The load; the pressure is an input.
+    pub const LOAD_ONLY: Simulated = Simulated {
+        pressure: false,
+        motion: true,
+    };
+}
+
 /// A quantity that changes linearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ramp {

@@ -1,14 +1,15 @@
 //! The board as its user sees it: pins, a serial line, a supply, a reset button, and time.
 
-use crate::cpu::{Cpu, ExceptionEvent, RAM, RAM_LEN};
+use crate::cpu::{Cpu, ExceptionEvent};
 use crate::elf::{self, BadElf};
+use crate::engine::{RAM, RAM_LEN};
 use crate::errors::BoardError;
 use crate::flash::{self, Flash};
 use crate::log::{self, Log};
 use crate::pin::Pin;
 use crate::rcc::ResetCause;
 use crate::soc::{DacEvent, Soc, is_flash};
-use crate::time::{UNITS_PER_S, from_ns, to_ns};
+use crate::time::{from_ns, to_ns};
 
 /// How long NRST stays low after a reset from inside (datasheet, about 20 us).
 const RESET_PULSE_NS: u64 = 20_000;
@@ -80,7 +81,8 @@ impl Board {
         to_ns(self.cpu.soc().now)
     }
 
-    /// Runs to `time_ns`; resets that the chip asks for on the way happen.
+    /// Runs to `time_ns`, or a few core cycles beyond as instructions are not divided; resets that
+    /// the chip asks for on the way happen.
     pub fn run_until(&mut self, time_ns: u64) {
         let end = from_ns(time_ns);
         while self.cpu.soc().now < end {
@@ -359,9 +361,4 @@ impl Board {
         self.cpu
             .set_memory(block + log::READ_OFFSET, &channel.write.to_le_bytes());
     }
-}
-
-/// Seconds that `units` of an [`ExceptionEvent`] last.
-pub fn seconds(units: u64) -> f64 {
-    units as f64 / UNITS_PER_S as f64
 }

@@ -1,65 +1,19 @@
-//! The core: instructions by the unicorn engine; exceptions, sleep, faults and time by hand.
-//!
-//! The engine knows no NVIC, SysTick or exception entry, and stops at nothing by itself. A hook
-//! before each instruction advances time by one cycle and stops the engine when something else
-//! has to happen: an event is due, an exception is pending, the flash is busy, the core sleeps.
+//! The core: lets the engine execute, and does by hand what it cannot: sleep, stalls, resets, DMA.
 
+use crate::engine::{self, Engine, RAM, RAM_LEN, Special, kinds, must, part};
 use crate::flash::{self, mix};
 use crate::nvic::{BUS_FAULT, HARD_FAULT, Masks, SV_CALL, USAGE_FAULT};
 use crate::rcc::ResetCause;
 use crate::scb;
 use crate::soc::{Soc, is_flash};
 use crate::time::Time;
-use unicorn_engine::{Arch, HookType, Mode, Prot, RegisterARM as R, Unicorn, uc_error};
-
-/// SRAM1 and SRAM2.
-pub const RAM: u32 = 0x2000_0000;
-/// 128 KiB.
-pub const RAM_LEN: usize = 128 << 10;
-const FACTORY: u64 = 0x1fff_7000;
-const ENTRY_CYCLES: u64 = 12;
-const EXIT_CYCLES: u64 = 10;
-const TAIL_CHAIN_CYCLES: u64 = 6;
-
-/// Why the engine stopped before an instruction that it must not execute itself.
-#[derive(Clone, Copy, PartialEq, Debug)]
-enum Special {
-    /// WFI
-    Sleep,
-    /// WFE, SEV, YIELD: nothing.
-    Hint,
-    /// MRS of IPSR or a combination with it, which the engine always reads as 0.
-    ReadXpsr { to: u8, which: u8 },
-    /// Floating point while CPACR forbids it.
-    NoCoprocessor,
-}
-
-/// What the engine's hooks tell the loop around it.
-pub(crate) struct Hooked {
-    /// The chip.
-    pub soc: Soc,
-    /// What the instructions in flash are.
-    kinds: Vec<Kind>,
-    /// The engine must stop before the next instruction at or after this.
-    deadline: Time,
-    /// An exception or a transfer may have become possible: stop before the next instruction.
-    recheck: bool,
-    /// Instructions left of an IT block: it is not interrupted, the engine cannot resume in one.
-    it_left: u32,
-    special: Option<Special>,
-    /// Number of an engine exception.
-    trap: Option<u32>,
-    /// Address of an access where nothing is.
-    unmapped: Option<u32>,
-    /// Stores to the flash.
-    stores: Vec<(u32, usize, u64)>,
-}
+use unicorn_engine::{RegisterARM as R, uc_error};
 
 /// One exception entered or left.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ExceptionEvent {
-    /// When, in exact units.
-    pub at: Time,
+    /// When.
+    pub time_ns: u64,
     /// 16 + the interrupt's number, or a system exception.
     pub exception: usize,
     /// Entered, or left.
@@ -70,270 +24,17 @@ pub struct ExceptionEvent {
 
 /// The core with its memories.
 pub(crate) struct Cpu {
-    uc: Unicorn<'static, Hooked>,
-    asleep: bool,
-    locked_up: bool,
+    pub(crate) uc: Engine<'static>,
+    pub(crate) asleep: bool,
+    pub(crate) locked_up: bool,
     /// Where exceptions are written down, if anybody wants to know.
     pub trace: Option<Vec<ExceptionEvent>>,
-}
-
-type Engine<'a> = Unicorn<'a, Hooked>;
-
-fn must<T>(result: Result<T, uc_error>) -> T {
-    result.expect("the engine accepts what it always accepts")
-}
-
-/// Bytes `offset & 3` and up of a word, `size` of them.
-fn part(word: u32, offset: u64, size: usize) -> u64 {
-    let word = u64::from(word >> (8 * (offset & 3)));
-    if size >= 4 {
-        word
-    } else {
-        word & ((1 << (8 * size)) - 1)
-    }
-}
-
-/// Word and bit behind an address of the bit-band alias of the peripherals.
-fn bit_band(offset: u64) -> (u32, u32) {
-    let byte = 0x4000_0000 + (offset / 32) as u32;
-    (byte & !3, (byte & 3) * 8 + (offset / 4 % 8) as u32)
-}
-
-impl Hooked {
-    /// After a register access: whatever it started must be noticed in time.
-    fn after_access(&mut self) {
-        self.deadline = self.deadline.min(self.soc.next_event());
-        // the masks are looked at by the loop
-        self.recheck |= self.soc.reset.is_some()
-            || self.soc.nvic.to_enter(Masks::default()).is_some()
-            || self.soc.is_asked_for_transfer();
-    }
-
-    fn read(&mut self, address: u32, size: usize) -> u64 {
-        let word = self.soc.read(address & !3);
-        self.after_access();
-        part(word, u64::from(address), size)
-    }
-
-    fn write(&mut self, address: u32, value: u64) {
-        self.soc
-            .write(address & !3, (value as u32) << (8 * (address & 3)));
-        self.after_access();
-    }
-}
-
-fn map_memories(uc: &mut Engine<'static>) {
-    let flash = uc.get_data().soc.flash.cells.clone();
-    must(uc.mem_map(
-        flash::BASE.into(),
-        flash::LEN as u64,
-        Prot::READ | Prot::EXEC,
-    ));
-    must(uc.mem_write(flash::BASE.into(), &flash));
-    must(uc.mem_map(RAM.into(), RAM_LEN as u64, Prot::ALL));
-    must(uc.mem_map(FACTORY, 0x1000, Prot::READ));
-    // unique identifier, size of the flash in KiB, calibration of VREFINT and temperature sensor
-    let vrefint = (1.21_f64 / 3.3 * 4095.0).round() as u16;
-    for (address, value) in [
-        (0xa10, 0x0042),
-        (0xa22, 512),
-        (0xa2a, vrefint),
-        (0xa2c, 943),
-        (0xa2e, 1200),
-    ] {
-        must(uc.mem_write(FACTORY + address, &u16::to_le_bytes(value)));
-    }
-    // at reset the flash also answers at 0
-    must(
-        uc.mmio_map_ro(0, flash::LEN as u64, |uc: &mut Engine, offset, size| {
-            let mut bytes = [0; 8];
-            let cells = &uc.get_data().soc.flash.cells;
-            bytes[..size].copy_from_slice(&cells[offset as usize..offset as usize + size]);
-            u64::from_le_bytes(bytes)
-        }),
-    );
-}
-
-fn map_registers(uc: &mut Engine<'static>) {
-    const PERIPHERALS: u32 = 0x4000_0000;
-    const CORE: u32 = 0xe000_0000;
-    must(uc.mmio_map(
-        PERIPHERALS.into(),
-        0x8_0000,
-        Some(|uc: &mut Engine, offset: u64, size: usize| {
-            uc.get_data_mut().read(PERIPHERALS + offset as u32, size)
-        }),
-        Some(|uc: &mut Engine, offset: u64, _: usize, value: u64| {
-            uc.get_data_mut().write(PERIPHERALS + offset as u32, value);
-        }),
-    ));
-    must(uc.mmio_map(
-        0x4200_0000,
-        0x100_0000,
-        Some(|uc: &mut Engine, offset: u64, _: usize| {
-            let (word, bit) = bit_band(offset);
-            uc.get_data_mut().read(word, 4) >> bit & 1
-        }),
-        Some(|uc: &mut Engine, offset: u64, _: usize, value: u64| {
-            let (word, bit) = bit_band(offset);
-            let hooked = uc.get_data_mut();
-            let old = hooked.read(word, 4);
-            hooked.write(word, old & !(1 << bit) | (value & 1) << bit);
-        }),
-    ));
-    must(uc.mmio_map(
-        CORE.into(),
-        0x10_0000,
-        Some(|uc: &mut Engine, offset: u64, size: usize| {
-            let hooked = uc.get_data_mut();
-            let word = hooked.soc.read_private((CORE + offset as u32) & !3);
-            hooked.after_access();
-            part(word, offset, size)
-        }),
-        Some(|uc: &mut Engine, offset: u64, size: usize, value: u64| {
-            let hooked = uc.get_data_mut();
-            hooked
-                .soc
-                .write_private(CORE + offset as u32, value as u32, size);
-            hooked.after_access();
-        }),
-    ));
-}
-
-/// The half-words of an instruction outside of the flash.
-fn fetch_from_ram(uc: &Engine, address: u32) -> [u16; 2] {
-    let mut bytes = [0; 4];
-    // at the end of the RAM there may be only one; what cannot be read will fault by itself
-    let _ = uc.mem_read(address.into(), &mut bytes[..2]);
-    let _ = uc.mem_read(u64::from(address) + 2, &mut bytes[2..]);
-    let [a, b, c, d] = bytes;
-    [u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])]
-}
-
-/// What the hook has to know of an instruction.
-#[derive(Clone, Copy, PartialEq, Debug)]
-enum Kind {
-    Plain,
-    /// Opens masks: CPS, MSR.
-    Unmasks,
-    /// IT, and how many instructions belong to it.
-    IfThen(u8),
-    /// Floating point.
-    Float,
-    Special(Special),
-}
-
-fn kind([first, second]: [u16; 2]) -> Kind {
-    match first {
-        0xbf30 => Kind::Special(Special::Sleep),
-        0xbf10 | 0xbf20 | 0xbf40 => Kind::Special(Special::Hint),
-        it @ 0xbf00..=0xbfff if it & 0xf != 0 => {
-            Kind::IfThen(4 - (it & 0xf).trailing_zeros() as u8)
-        }
-        0xb660..=0xb677 | 0xf380..=0xf39f => Kind::Unmasks,
-        0xf3ef if second & 0xf0f9 == 0x8001 => {
-            let (to, which) = ((second >> 8 & 15) as u8, (second & 7) as u8);
-            Kind::Special(Special::ReadXpsr { to, which })
-        }
-        0xec00..=0xefff | 0xfc00..=0xffff if second & 0x0e00 == 0x0a00 => Kind::Float,
-        _ => Kind::Plain,
-    }
-}
-
-/// The kinds of all instructions in flash, told beforehand as the hook runs so often.
-fn kinds(cells: &[u8]) -> Vec<Kind> {
-    let half = |i: usize| match cells.get(i..i + 2) {
-        Some(bytes) => u16::from_le_bytes([bytes[0], bytes[1]]),
-        None => 0,
-    };
-    (0..cells.len())
-        .step_by(2)
-        .map(|i| kind([half(i), half(i + 2)]))
-        .collect()
-}
-
-/// Runs before every instruction.
-fn before_instruction(uc: &mut Engine, address: u64, _size: u32) {
-    let address = address as u32;
-    let in_flash = (address.wrapping_sub(flash::BASE) / 2) as usize;
-    let kind = match uc.get_data().kinds.get(in_flash) {
-        Some(kind) => *kind,
-        None => kind(fetch_from_ram(uc, address)),
-    };
-    let hooked = uc.get_data_mut();
-    let now = hooked.soc.now;
-    let interrupted = hooked.it_left == 0 && (hooked.recheck || now >= hooked.deadline);
-    let stalls = hooked.soc.flash.busy_until() > now && is_flash(address);
-    let special = match kind {
-        Kind::Special(special) => Some(special),
-        Kind::Float if !hooked.soc.scb.is_fpu_on() => Some(Special::NoCoprocessor),
-        _ => None,
-    };
-    if interrupted || stalls || special.is_some() {
-        hooked.special = special.filter(|_| !interrupted && !stalls);
-        must(uc.emu_stop());
-        return;
-    }
-    hooked.soc.pc = address;
-    hooked.soc.now += hooked.soc.cycle;
-    hooked.soc.instructions += 1;
-    hooked.it_left = hooked.it_left.saturating_sub(1);
-    match kind {
-        Kind::Unmasks => hooked.recheck |= hooked.soc.nvic.is_anything_pending(),
-        Kind::IfThen(count) => hooked.it_left = count.into(),
-        _ => {}
-    }
-}
-
-fn add_hooks(uc: &mut Engine<'static>) {
-    must(uc.add_code_hook(1, 0, before_instruction));
-    must(
-        uc.add_mem_hook(HookType::MEM_UNMAPPED, 1, 0, |uc, _, address, _, _| {
-            uc.get_data_mut().unmapped = Some(address as u32);
-            false
-        }),
-    );
-    // stores to the flash reach the engine's copy; what they really do is put there afterwards
-    must(uc.add_mem_hook(
-        HookType::MEM_WRITE_PROT,
-        1,
-        0,
-        |uc, _, address, size, value| {
-            let hooked = uc.get_data_mut();
-            if !is_flash(address as u32) {
-                hooked.unmapped = Some(address as u32);
-                return false;
-            }
-            hooked.stores.push((address as u32, size, value as u64));
-            hooked.recheck = true;
-            true
-        },
-    ));
-    must(uc.add_intr_hook(|uc, number| {
-        uc.get_data_mut().trap = Some(number);
-        must(uc.emu_stop());
-    }));
 }
 
 impl Cpu {
     /// A core whose flash and peripherals are those of `soc`, before its first reset.
     pub fn new(soc: Soc) -> Cpu {
-        let hooked = Hooked {
-            kinds: kinds(&soc.flash.cells),
-            soc,
-            deadline: 0,
-            recheck: false,
-            it_left: 0,
-            special: None,
-            trap: None,
-            unmapped: None,
-            stores: vec![],
-        };
-        let mode = Mode::THUMB | Mode::MCLASS;
-        let mut uc = must(Unicorn::new_with_data(Arch::ARM, mode, hooked));
-        map_memories(&mut uc);
-        map_registers(&mut uc);
-        add_hooks(&mut uc);
+        let uc = engine::new(soc);
         let mut cpu = Cpu {
             uc,
             asleep: false,
@@ -355,11 +56,11 @@ impl Cpu {
         &mut self.uc.get_data_mut().soc
     }
 
-    fn reg(&self, register: R) -> u32 {
+    pub(crate) fn reg(&self, register: R) -> u32 {
         must(self.uc.reg_read(register)) as u32
     }
 
-    fn set_reg(&mut self, register: R, value: u32) {
+    pub(crate) fn set_reg(&mut self, register: R, value: u32) {
         must(self.uc.reg_write(register, value.into()));
     }
 
@@ -373,7 +74,7 @@ impl Cpu {
         must(self.uc.mem_write(address.into(), bytes));
     }
 
-    fn word(&self, address: u32) -> u32 {
+    pub(crate) fn word(&self, address: u32) -> u32 {
         // the flash's alias at 0
         let address = if address < flash::LEN as u32 {
             address + flash::BASE
@@ -448,7 +149,7 @@ impl Cpu {
         }
     }
 
-    fn masks(&self) -> Masks {
+    pub(crate) fn masks(&self) -> Masks {
         Masks {
             primask: self.reg(R::PRIMASK) & 1 != 0,
             faultmask: self.reg(R::FAULTMASK) & 1 != 0,
@@ -605,165 +306,6 @@ impl Cpu {
             }
         };
         self.set_reg(R::PC, (pc + len) | 1);
-    }
-
-    // ---- exceptions ----------------------------------------------------------------------------
-
-    /// A fault at the present instruction: its own exception if enabled, else a hard fault, and
-    /// in a hard fault the core locks up.
-    fn fault(&mut self, kind: usize, cfsr: u32, address: Option<u32>) {
-        let pc = self.reg(R::PC);
-        let priority = self.soc().nvic.execution_priority(self.masks());
-        let soc = self.soc_mut();
-        soc.pc = pc;
-        soc.scb.cfsr |= cfsr;
-        if let Some(address) = address {
-            soc.scb.bfar = address;
-        }
-        let text = match address {
-            Some(address) => format!("fault: nothing answers at {address:#010x}"),
-            None => format!("fault: exception {kind}, CFSR {cfsr:#x}"),
-        };
-        soc.error(text);
-        let enabled = match kind {
-            BUS_FAULT => soc.scb.shcsr & 1 << 17 != 0,
-            USAGE_FAULT => soc.scb.shcsr & 1 << 18 != 0,
-            _ => false,
-        };
-        if enabled && soc.nvic.priority(kind) < priority {
-            return self.enter(kind);
-        }
-        if priority < 0 {
-            soc.error("lock-up: a fault in a fault handler");
-            self.locked_up = true;
-            return;
-        }
-        if kind != HARD_FAULT {
-            soc.scb.hfsr |= scb::FORCED;
-        }
-        self.enter(HARD_FAULT);
-    }
-
-    fn note(&mut self, exception: usize, entered: bool) {
-        let (at, instructions) = (self.soc().now, self.soc().instructions);
-        if let Some(trace) = &mut self.trace {
-            trace.push(ExceptionEvent {
-                at,
-                exception,
-                entered,
-                instructions,
-            });
-        }
-    }
-
-    fn spend(&mut self, cycles: u64) {
-        let soc = self.soc_mut();
-        soc.now += cycles * soc.cycle;
-    }
-
-    /// Stacks a frame and jumps to the handler of `exception`.
-    fn enter(&mut self, exception: usize) {
-        let control = self.reg(R::CONTROL);
-        let floats = control & 4 != 0;
-        if control & 2 != 0 {
-            self.soc_mut()
-                .error("model: the process stack is not modelled");
-        }
-        let old_sp = self.reg(R::SP);
-        let padded = old_sp & 4 != 0;
-        let sp = (old_sp.wrapping_sub(if floats { 0x68 } else { 0x20 })) & !7;
-        let frame = self.frame(padded, floats);
-        let thread = self.soc().nvic.depth() == 0;
-        let lr = 0xffff_ffe1 | u32::from(!floats) << 4 | u32::from(thread) << 3;
-        self.set_reg(R::SP, sp);
-        self.set_reg(R::LR, lr);
-        self.set_reg(R::CONTROL, control & !4);
-        let mut exception = exception;
-        if self.uc.mem_write(sp.into(), &frame).is_err() {
-            // the handler that was meant stays pending behind the hard fault
-            let soc = self.soc_mut();
-            soc.error(format!("fault: no stack at {sp:#010x}"));
-            soc.scb.cfsr |= scb::STKERR;
-            soc.scb.hfsr |= scb::FORCED;
-            exception = HARD_FAULT;
-        }
-        self.spend(ENTRY_CYCLES);
-        self.start_handler(exception);
-    }
-
-    fn start_handler(&mut self, exception: usize) {
-        self.soc_mut().nvic.enter(exception);
-        self.note(exception, true);
-        let handler = self.word(self.soc().scb.vtor + 4 * exception as u32);
-        self.set_reg(R::PC, handler | 1);
-    }
-
-    /// The registers that an exception saves. The engine's lazy saving is not needed.
-    fn frame(&self, padded: bool, floats: bool) -> Vec<u8> {
-        let running = self.soc().nvic.running() as u32;
-        let flags = self.reg(R::XPSR) & 0xf80f_0000;
-        let xpsr = flags | 1 << 24 | u32::from(padded) << 9 | running;
-        let mut words = [R::R0, R::R1, R::R2, R::R3, R::R12, R::LR]
-            .map(|r| self.reg(r))
-            .to_vec();
-        words.extend([self.reg(R::PC) & !1, xpsr]);
-        if floats {
-            let single = |i: i32| must(self.uc.reg_read(R::S0 as i32 + i)) as u32;
-            words.extend((0..16).map(single));
-            words.extend([self.reg(R::FPSCR), 0]);
-        }
-        words.into_iter().flat_map(u32::to_le_bytes).collect()
-    }
-
-    /// The handler branched to EXC_RETURN: on to the next handler, or back.
-    fn exception_return(&mut self) {
-        let exc_return = self.reg(R::PC) | 1;
-        let left = self.soc().nvic.running();
-        self.soc_mut().nvic.leave();
-        if left != 2 {
-            self.set_reg(R::FAULTMASK, 0);
-        }
-        self.note(left, false);
-        if let Some(next) = self.soc().nvic.to_enter(self.masks()) {
-            // tail-chaining: the frame stays for the next handler
-            self.set_reg(R::LR, exc_return);
-            self.spend(TAIL_CHAIN_CYCLES);
-            return self.start_handler(next);
-        }
-        let floats = exc_return & 0x10 == 0;
-        let sp = self.reg(R::SP);
-        let len = if floats { 0x68 } else { 0x20 };
-        let Some(frame) = self.memory(sp, len) else {
-            return self.fault(BUS_FAULT, scb::UNSTKERR, Some(sp));
-        };
-        self.unstack(&frame, sp + len as u32, floats);
-        self.spend(EXIT_CYCLES);
-        let sleeps = self.soc().scb.scr & scb::SLEEPONEXIT != 0;
-        self.asleep = sleeps && self.soc().nvic.depth() == 0;
-    }
-
-    fn unstack(&mut self, frame: &[u8], sp: u32, floats: bool) {
-        let word = |i: usize| u32::from_le_bytes([0, 1, 2, 3].map(|k| frame[4 * i + k]));
-        for (i, register) in [R::R0, R::R1, R::R2, R::R3, R::R12, R::LR]
-            .into_iter()
-            .enumerate()
-        {
-            self.set_reg(register, word(i));
-        }
-        if floats {
-            for i in 0..16 {
-                must(
-                    self.uc
-                        .reg_write(R::S0 as i32 + i as i32, word(8 + i).into()),
-                );
-            }
-            self.set_reg(R::FPSCR, word(24));
-        }
-        let control = self.reg(R::CONTROL) & !4 | u32::from(floats) << 2;
-        self.set_reg(R::CONTROL, control);
-        self.set_reg(R::SP, sp + if word(7) >> 9 & 1 != 0 { 4 } else { 0 });
-        self.set_reg(R::XPSR_NZCVQG, word(7));
-        self.set_reg(R::PC, word(6) | 1);
     }
 
     /// Whether the core waits for an interrupt.

@@ -30,7 +30,9 @@ mod cpu;
 mod dac;
 mod dma;
 mod elf;
+mod engine;
 mod errors;
+mod exceptions;
 mod flash;
 mod gpio;
 mod iwdg;
@@ -45,7 +47,7 @@ mod tim;
 mod time;
 mod usart;
 
-pub use board::{Board, LinkByte, Reset, seconds};
+pub use board::{Board, LinkByte, Reset};
 pub use cpu::ExceptionEvent;
 pub use elf::BadElf;
 pub use errors::BoardError;

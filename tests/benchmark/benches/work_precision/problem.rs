@@ -51,10 +51,7 @@ impl Problem {
     }
 
     pub fn plant(&self) -> Plant {
-        let whole = Simulated {
-            pressure: true,
-            motion: true,
-        };
+        let whole = Simulated::WHOLE;
         Plant::new(&self.rig, whole).expect("a complete rig")
     }
 

@@ -1,13 +1,13 @@
 //! The tick: exact, short, and delayed by nothing.
 
 use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
-use emulated_board::{ExceptionEvent, seconds};
+use emulated_board::ExceptionEvent;
 use model_core::link::ToDevice;
 
 /// A tick as the core saw it.
 struct Seen {
-    /// When the interrupt was entered \[s\].
-    at_s: f64,
+    /// When the interrupt was entered.
+    time_ns: u64,
     instructions: u64,
 }
 
@@ -20,21 +20,19 @@ fn ticks(events: &[ExceptionEvent]) -> Vec<Seen> {
     ticks
         .chunks_exact(2)
         .map(|pair| Seen {
-            at_s: seconds(pair[0].at),
+            time_ns: pair[0].time_ns,
             instructions: pair[1].instructions - pair[0].instructions,
         })
         .collect()
 }
 
-/// Largest distance of a tick from the grid that begins with the first \[s\].
-fn jitter_s(ticks: &[Seen]) -> f64 {
-    let offset = |(number, tick): (usize, &Seen)| tick.at_s - number as f64 * TICK_NS as f64 * 1e-9;
-    let offsets: Vec<f64> = ticks.iter().enumerate().map(offset).collect();
-    let (low, high) = offsets
+/// Spread of the ticks about a grid of 10 ms.
+fn jitter_ns(ticks: &[Seen]) -> u64 {
+    let offsets = ticks
         .iter()
-        .fold((f64::MAX, f64::MIN), |(low, high), offset| {
-            (low.min(*offset), high.max(*offset))
-        });
+        .zip(0..)
+        .map(|(tick, n)| tick.time_ns - n * TICK_NS);
+    let (low, high) = offsets.fold((u64::MAX, 0), |(low, high), o| (low.min(o), high.max(o)));
     high - low
 }
 
@@ -55,10 +53,10 @@ fn ticks_come_each_10_ms_and_take_less_than_a_hundredth() {
     };
     let ticks = watch(&mut rig, |_, _| {});
     assert_eq!(ticks.len(), 200);
-    let jitter_ns = jitter_s(&ticks) * 1e9;
+    let jitter_ns = jitter_ns(&ticks);
     let longest = ticks.iter().map(|t| t.instructions).max().unwrap_or(0);
-    println!("jitter {jitter_ns:.0} ns, longest tick {longest} instructions");
-    assert!(jitter_ns < 100.0, "{jitter_ns} ns");
+    println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
+    assert!(jitter_ns < 100, "{jitter_ns} ns");
     assert!(
         longest < 18_000,
         "{longest} instructions are more than 1 % of 10 ms"
@@ -103,11 +101,11 @@ fn flood_on_the_link_delays_no_tick() {
         }
     };
     let ticks = watch(&mut rig, flood);
-    let jitter_ns = jitter_s(&ticks) * 1e9;
+    let jitter_ns = jitter_ns(&ticks);
     let longest = ticks.iter().map(|t| t.instructions).max().unwrap_or(0);
-    println!("jitter {jitter_ns:.0} ns, longest tick {longest} instructions");
+    println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
     assert_eq!(ticks.len(), 200);
-    assert!(jitter_ns < 2_000.0, "{jitter_ns} ns");
+    assert!(jitter_ns < 2_000, "{jitter_ns} ns");
     rig.run_ms(50);
     rig.telemetry();
     let last = rig.last_telemetry();
@@ -128,11 +126,8 @@ fn telemetry_of_every_tick_arrives_within_four_milliseconds() {
     let telemetry = rig.messages();
     assert!(telemetry.len() >= 99, "{}", telemetry.len());
     for (tick, (time_ns, _)) in ticks.iter().zip(telemetry) {
-        let delay_ns = time_ns as f64 - tick.at_s * 1e9;
-        assert!(
-            delay_ns > 0.0 && delay_ns < 4.0 * MS as f64,
-            "{delay_ns} ns"
-        );
+        let delay_ns = time_ns.saturating_sub(tick.time_ns);
+        assert!((1..4 * MS).contains(&delay_ns), "{delay_ns} ns");
     }
 }
 

@@ -1,0 +1,136 @@
+//! `diagnosis.json`, read as strictly as its users would.
+
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The nominal model explains the data.
+    Consistent,
+    /// The named effects do.
+    Explained,
+    /// Something is left that no known effect explains.
+    Unexplained,
+}
+
+/// One parameter of a named effect.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Its value, in `unit`.
+    pub value: f64,
+    /// Its 95 % confidence interval.
+    pub ci95: [f64; 2],
+    /// Its unit.
+    pub unit: String,
+}
+
+/// One named effect.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Named {
+    /// Its name.
+    pub name: String,
+    /// Where it is.
+    #[serde(rename = "where")]
+    pub place: String,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, Parameter>,
+    /// Names that the data cannot tell from this one.
+    pub alternatives: Vec<String>,
+}
+
+/// Root mean square differences of one signal on the validation records.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Gap {
+    /// With the nominal rig.
+    pub before: f64,
+    /// With the fitted rig.
+    pub after: f64,
+    /// Floor estimated from the data.
+    pub noise: f64,
+}
+
+/// What is left.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Remaining {
+    /// In which equations.
+    #[serde(rename = "where")]
+    pub places: Vec<String>,
+    /// When, in words.
+    pub when: String,
+}
+
+/// A diagnosis.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// Version of the format.
+    pub schema: u32,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What is missing from the nominal model.
+    pub effects: Vec<Named>,
+    /// By signal.
+    pub gap: BTreeMap<String, Gap>,
+    /// What is left.
+    pub remaining: Remaining,
+    /// The experiment that would tell more.
+    pub next_experiment: String,
+}
+
+impl Diagnosis {
+    /// Reads a diagnosis.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    pub fn parse(text: &str) -> Result<Diagnosis, String> {
+        let diagnosis: Diagnosis =
+            serde_json::from_str(text).map_err(|error| format!("not a diagnosis: {error}"))?;
+        diagnosis.check()?;
+        Ok(diagnosis)
+    }
+
+    /// Whether it agrees with itself and has the gap of each of `signals`.
+    ///
+    /// # Errors
+    /// What is wrong with it, in words.
+    pub fn covers<'a>(&self, signals: impl IntoIterator<Item = &'a str>) -> Result<(), String> {
+        match signals
+            .into_iter()
+            .find(|signal| !self.gap.contains_key(*signal))
+        {
+            Some(signal) => Err(format!("no gap of `{signal}`, which was measured")),
+            None => Ok(()),
+        }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.schema != 1 {
+            return Err(format!("schema 1, found {}", self.schema));
+        }
+        if self.names().len() < self.effects.len() {
+            return Err("an effect is named twice".into());
+        }
+        match self.verdict {
+            Verdict::Consistent if !self.effects.is_empty() => {
+                return Err("consistent, yet it names an effect".into());
+            }
+            Verdict::Explained if self.effects.is_empty() => {
+                return Err("explained, yet by no effect".into());
+            }
+            _ => {}
+        }
+        for effect in &self.effects {
+            let reversed = |p: &&Parameter| p.ci95[0] > p.ci95[1];
+            if effect.parameters.values().any(|p| reversed(&p)) {
+                return Err(format!("an interval of `{}` is upside down", effect.name));
+            }
+        }
+        Ok(())
+    }
+
+    /// Names of the effects.
+    pub fn names(&self) -> BTreeSet<&str> {
+        self.effects.iter().map(|e| e.name.as_str()).collect()
+    }
+}

@@ -1,0 +1,210 @@
+//! One case, judged: everything that the figures are made of.
+
+use crate::answer::{Answer, Hidden, Kind};
+use crate::diagnosis::{Diagnosis, Verdict};
+use crate::gap::Gaps;
+use crate::outcome::{Outcome, column, outcome};
+use crate::run::Collected;
+use crate::shared::Shared;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A parameter that means the same in the truth and in the diagnosis.
+#[derive(Clone, Debug, Serialize)]
+pub struct ParameterScore {
+    /// The effect.
+    pub effect: String,
+    /// The parameter, under the tool's name.
+    pub parameter: String,
+    /// Its true value.
+    pub truth: f64,
+    /// Value and interval in the diagnosis; none if it has no such parameter.
+    pub estimate: Option<(f64, [f64; 2])>,
+}
+
+impl ParameterScore {
+    /// The true value is inside the interval; none if there is no estimate.
+    pub fn inside(&self) -> Option<bool> {
+        let (_, [low, high]) = self.estimate?;
+        Some((low..=high).contains(&self.truth))
+    }
+}
+
+/// A judged case.
+#[derive(Clone, Debug, Serialize)]
+pub struct Scored {
+    /// The answer.
+    pub answer: Answer,
+    /// Arguments of the tool besides those of the case.
+    pub arguments: Vec<String>,
+    /// Every hidden effect changes a held-out signal by enough of its noise.
+    pub visible: bool,
+    /// The verdict.
+    pub verdict: Option<Verdict>,
+    /// Names of the effects that were named.
+    pub named: Vec<String>,
+    /// Names that these cannot be told from, as the diagnosis has it.
+    pub alternatives: Vec<String>,
+    /// Column of the confusion matrix.
+    pub column: String,
+    /// How it did.
+    pub outcome: Outcome,
+    /// Why there is no diagnosis.
+    pub fault: Option<String>,
+    /// Share of the gap above the noise that is gone on the validation records.
+    pub share_validation: Option<f64>,
+    /// The same on records that neither fit nor validation saw.
+    pub share_unseen: Option<f64>,
+    /// As `share_validation`, by signal.
+    pub share_by_signal: BTreeMap<String, f64>,
+    /// Largest relative difference between the gaps that the diagnosis claims and the measured.
+    pub claim_difference: Option<f64>,
+    /// Noise in the diagnosis over the true noise, by signal.
+    pub noise_ratio: BTreeMap<String, f64>,
+    /// Why gaps could not be measured.
+    pub gap_fault: Option<String>,
+    /// Each rightly named effect whose true form the tool has: fitted in that form.
+    pub forms_shared: Vec<bool>,
+    /// Parameters of those that are.
+    pub parameters: Vec<ParameterScore>,
+    /// Time the diagnosis took \[s\].
+    pub wall_s: f64,
+    /// Time on processors \[s\].
+    pub cpu_s: f64,
+    /// Largest memory.
+    pub peak_memory_bytes: u64,
+}
+
+/// Parameters of `hidden` that mean the same in truth and diagnosis.
+fn parameters(hidden: &Hidden, shared: &Shared, diagnosis: &Diagnosis) -> Vec<ParameterScore> {
+    let named = diagnosis.effects.iter().find(|e| e.name == hidden.name);
+    let estimate = |name| {
+        let parameter = named?.parameters.get(name)?;
+        Some((parameter.value, parameter.ci95))
+    };
+    let score = |(parameter, truth): (&'static str, f64)| ParameterScore {
+        effect: hidden.name.clone(),
+        parameter: parameter.into(),
+        truth,
+        estimate: estimate(parameter),
+    };
+    let values = shared.values(&hidden.standard);
+    values.into_iter().map(score).collect()
+}
+
+fn claimed(diagnosis: &Diagnosis) -> Gaps {
+    let pick = |pick: fn(&crate::diagnosis::Gap) -> f64| {
+        let gaps = diagnosis.gap.iter();
+        gaps.map(|(signal, gap)| (signal.clone(), pick(gap)))
+            .collect()
+    };
+    Gaps {
+        before: pick(|gap| gap.before),
+        after: pick(|gap| gap.after),
+    }
+}
+
+impl Scored {
+    /// Judges a case.
+    pub fn new(case: &Collected) -> Scored {
+        let (answer, run) = (&case.answer, &case.run);
+        let diagnosis = case.diagnosis.as_ref().ok();
+        let outcome = outcome(answer, diagnosis);
+        let validation = run.validation.as_ref().ok();
+        let share = |gaps: Option<&Gaps>| match (diagnosis, gaps) {
+            (Some(_), Some(gaps)) => gaps.share_removed(&answer.noise),
+            // no diagnosis, or a fitted rig that cannot be simulated, removes nothing
+            _ => Some(0.0),
+        };
+        let of_signal = |signal: &String| {
+            let share = validation?.share_removed_of(signal, &answer.noise)?;
+            Some((signal.clone(), share))
+        };
+        let noise_ratio = |(signal, noise): (&String, &f64)| {
+            let claimed = diagnosis?.gap.get(signal)?.noise;
+            Some((signal.clone(), claimed / noise))
+        };
+        let right = diagnosis.filter(|_| outcome == Outcome::Right);
+        let shared: Vec<(&Hidden, &Shared, bool)> = answer
+            .effects
+            .iter()
+            .filter(|_| right.is_some())
+            .filter_map(|hidden| Some((hidden, Shared::find(&hidden.name, &hidden.form)?)))
+            .map(|(hidden, shared)| {
+                let form = case.forms.get(&hidden.name).map(String::as_str);
+                (hidden, shared, shared.is_form(form))
+            })
+            .collect();
+        let same = shared.iter().filter(|(_, _, same)| *same);
+        let parameters = same
+            .flat_map(|(hidden, shared, _)| right.map(|d| parameters(hidden, shared, d)))
+            .flatten()
+            .collect();
+        let effects = diagnosis.map(|d| d.effects.as_slice()).unwrap_or_default();
+        let difference = |d| validation.map(|gaps| gaps.largest_difference(&claimed(d)));
+        Scored {
+            answer: answer.clone(),
+            arguments: run.arguments.clone(),
+            visible: answer.visible(),
+            verdict: diagnosis.map(|d| d.verdict),
+            named: effects.iter().map(|e| e.name.clone()).collect(),
+            alternatives: effects
+                .iter()
+                .flat_map(|e| e.alternatives.clone())
+                .collect(),
+            column: column(diagnosis),
+            outcome,
+            fault: case.diagnosis.as_ref().err().cloned(),
+            share_validation: share(validation),
+            share_unseen: share(run.unseen.as_ref().ok()),
+            share_by_signal: answer.noise.keys().filter_map(of_signal).collect(),
+            claim_difference: diagnosis.and_then(difference),
+            noise_ratio: answer.noise.iter().filter_map(noise_ratio).collect(),
+            gap_fault: run
+                .validation
+                .as_ref()
+                .and(run.unseen.as_ref())
+                .err()
+                .cloned(),
+            forms_shared: shared.iter().map(|(_, _, same)| *same).collect(),
+            parameters,
+            wall_s: run.ended.wall_s,
+            cpu_s: run.ended.cpu_s,
+            peak_memory_bytes: run.ended.peak_memory_bytes,
+        }
+    }
+
+    /// Something listed is hidden.
+    pub fn listed(&self) -> bool {
+        matches!(self.answer.kind, Kind::Single | Kind::Pair)
+    }
+
+    /// The names are right, yet the verdict is that something is left.
+    pub fn right_with_remainder(&self) -> bool {
+        self.listed()
+            && self.outcome == Outcome::Right
+            && self.verdict == Some(Verdict::Unexplained)
+    }
+
+    /// What was said, in words.
+    pub fn said(&self) -> String {
+        if let Some(fault) = &self.fault {
+            return format!("no answer: {fault}");
+        }
+        let verdict = match self.verdict {
+            Some(Verdict::Consistent) => "consistent",
+            Some(Verdict::Unexplained) => "unexplained",
+            Some(Verdict::Explained) | None => "",
+        };
+        let names = self.named.join(" + ");
+        let mut said = match (verdict, names.as_str()) {
+            ("", names) => names.into(),
+            (verdict, "") => verdict.to_owned(),
+            (verdict, names) => format!("{names}, {verdict}"),
+        };
+        if !self.alternatives.is_empty() {
+            said += &format!(" (or {})", self.alternatives.join(", "));
+        }
+        said
+    }
+}

@@ -1,0 +1,446 @@
+//! Made-up answers and diagnoses: every way of being right and wrong.
+
+use crate::answer::{Answer, Hidden, Kind};
+use crate::child::Ended;
+use crate::diagnosis::Diagnosis;
+use crate::figures::{REACH, Score};
+use crate::gap::{BySignal, Gaps};
+use crate::outcome::{Outcome, column, outcome};
+use crate::report::{Origin, full, summary};
+use crate::run::{Collected, Run};
+use crate::scored::Scored;
+use crate::statistics::Rate;
+use crate::{shuffled, without};
+use serde_json::{Value, json};
+
+/// An answer that hides `names`, each `over_noise`.
+fn answer(kind: Kind, names: &[&str], over_noise: f64) -> Answer {
+    let hidden = |name: &&str| Hidden {
+        name: (*name).into(),
+        form: "linear".into(),
+        size: 0.5,
+        standard: [("conductance_kg_per_pa_s".to_owned(), 4e-9)].into(),
+        most_over_noise: over_noise,
+    };
+    Answer {
+        id: "s1-00007".into(),
+        seed: 1,
+        index: 7,
+        kind,
+        force_channel: false,
+        records: "usual".into(),
+        starts_moving: false,
+        effects: names.iter().map(hidden).collect(),
+        noise: by_signal(250.0, 3e-5),
+    }
+}
+
+fn by_signal(pressure_pa: f64, contraction: f64) -> BySignal {
+    [("pressure_pa", pressure_pa), ("contraction", contraction)]
+        .map(|(signal, value)| (signal.to_owned(), value))
+        .into()
+}
+
+/// A diagnosis with names and, after a slash, their alternatives: `leak/creep,slack`.
+fn diagnosis_json(verdict: &str, names: &[&str]) -> Value {
+    let effect = |name: &&str| {
+        let (name, others) = name.split_once('/').unwrap_or((name, ""));
+        let others: Vec<&str> = others.split(',').filter(|name| !name.is_empty()).collect();
+        json!({
+            "name": name, "where": "gas",
+            "parameters": {
+                "conductance_kg_per_pa_s": {
+                    "value": 4.1e-9, "ci95": [3.8e-9, 4.4e-9], "unit": "kg/(Pa·s)"
+                }
+            },
+            "alternatives": others,
+            "evidence": { "anything": [1, 2] },
+        })
+    };
+    json!({
+        "schema": 1,
+        "verdict": verdict,
+        "effects": names.iter().map(effect).collect::<Vec<_>>(),
+        "gap": {
+            "pressure_pa": { "before": 2250.0, "after": 450.0, "noise": 250.0 },
+            "contraction": { "before": 3e-5, "after": 3e-5, "noise": 3e-5 },
+        },
+        "remaining": { "where": [], "when": "" },
+        "next_experiment": "",
+    })
+}
+
+fn diagnosis(verdict: &str, names: &[&str]) -> Diagnosis {
+    Diagnosis::parse(&diagnosis_json(verdict, names).to_string()).expect("a diagnosis")
+}
+
+fn ended(exit: Option<i32>) -> Ended {
+    Ended {
+        exit,
+        timed_out: false,
+        wall_s: 2.0,
+        cpu_s: 3.0,
+        peak_memory_bytes: 50_000_000,
+    }
+}
+
+fn collected(answer: Answer, diagnosis: Result<Diagnosis, String>) -> Collected {
+    let gaps = |pressure_pa: f64| Gaps {
+        before: by_signal(2250.0, 3e-5),
+        after: by_signal(pressure_pa, 3e-5),
+    };
+    Collected {
+        answer,
+        run: Run {
+            arguments: Vec::new(),
+            program_crc32: 0,
+            ended: ended(Some(0)),
+            last_words: String::new(),
+            validation: Ok(gaps(450.0)),
+            unseen: Ok(gaps(650.0)),
+        },
+        diagnosis,
+        forms: [].into(),
+    }
+}
+
+fn judged(kind: Kind, hidden: &[&str], verdict: &str, named: &[&str]) -> Scored {
+    let diagnosis = diagnosis(verdict, named);
+    Scored::new(&collected(answer(kind, hidden, 10.0), Ok(diagnosis)))
+}
+
+#[test]
+fn a_single_effect_is_right_by_its_name_alone() {
+    let said = |verdict, named: &[&str]| judged(Kind::Single, &["leak"], verdict, named).outcome;
+    assert_eq!(said("explained", &["leak"]), Outcome::Right);
+    assert_eq!(
+        said("explained", &["leak/pressure-sensor-gain"]),
+        Outcome::Right
+    );
+    assert_eq!(said("explained", &["leak", "creep"]), Outcome::Extra);
+    assert_eq!(said("explained", &["creep"]), Outcome::Wrong);
+    assert_eq!(said("explained", &["creep/slack"]), Outcome::Wrong);
+    assert_eq!(said("explained", &["creep/slack,leak"]), Outcome::Ambiguous);
+    // one too many is not ambiguous, whatever else it may be
+    assert_eq!(said("explained", &["creep/leak", "slack"]), Outcome::Wrong);
+    assert_eq!(said("consistent", &[]), Outcome::Missed);
+    assert_eq!(said("unexplained", &[]), Outcome::Abstained);
+    assert_eq!(said("unexplained", &["leak"]), Outcome::Right);
+    assert_eq!(said("unexplained", &["creep"]), Outcome::Wrong);
+}
+
+#[test]
+fn of_a_pair_both_names_are_asked() {
+    let said = |named: &[&str]| judged(Kind::Pair, &["leak", "creep"], "explained", named).outcome;
+    assert_eq!(said(&["creep", "leak"]), Outcome::Right);
+    assert_eq!(said(&["creep"]), Outcome::Partial);
+    assert_eq!(said(&["slack"]), Outcome::Wrong);
+    assert_eq!(said(&["leak", "slack"]), Outcome::Wrong);
+    assert_eq!(said(&["leak", "slack", "creep"]), Outcome::Extra);
+    assert_eq!(said(&["leak", "slack/creep"]), Outcome::Ambiguous);
+    assert_eq!(said(&["slack/leak", "run-in/creep"]), Outcome::Ambiguous);
+    // both lead to the same name: the other was not found
+    assert_eq!(said(&["leak", "slack/leak"]), Outcome::Wrong);
+    assert_eq!(said(&["slack/leak,creep", "friction"]), Outcome::Wrong);
+}
+
+#[test]
+fn nothing_hidden_is_consistent_and_an_unlisted_effect_unexplained() {
+    let none = |verdict, named: &[&str]| judged(Kind::None, &[], verdict, named).outcome;
+    assert_eq!(none("consistent", &[]), Outcome::Right);
+    assert_eq!(none("explained", &["leak"]), Outcome::FalseAlarm);
+    assert_eq!(none("unexplained", &["leak"]), Outcome::FalseAlarm);
+    assert_eq!(none("unexplained", &[]), Outcome::Abstained);
+    let cogging =
+        |verdict, named: &[&str]| judged(Kind::Unlisted, &["cogging"], verdict, named).outcome;
+    assert_eq!(cogging("unexplained", &[]), Outcome::Right);
+    assert_eq!(cogging("consistent", &[]), Outcome::Missed);
+    assert_eq!(cogging("explained", &["friction"]), Outcome::Wrong);
+    assert_eq!(cogging("unexplained", &["friction"]), Outcome::Wrong);
+    assert_eq!(cogging("explained", &["friction/cogging"]), Outcome::Wrong);
+}
+
+#[test]
+fn what_cannot_be_read_is_wrong_and_says_why() {
+    let broken = |change: fn(&mut Value)| {
+        let mut value = diagnosis_json("explained", &["leak"]);
+        change(&mut value);
+        Diagnosis::parse(&value.to_string()).expect_err("broken")
+    };
+    assert!(broken(|v| *v = json!([])).contains("not a diagnosis"));
+    assert!(broken(|v| v["verdict"] = json!("perhaps")).contains("perhaps"));
+    assert!(broken(|v| v["schema"] = json!(2)).contains("schema 1, found 2"));
+    assert!(broken(|v| v["verdict"] = json!("consistent")).contains("consistent, yet"));
+    assert!(broken(|v| v["effects"] = json!([])).contains("by no effect"));
+    assert!(broken(|v| v["gap"]["pressure_pa"]["after"] = json!(null)).contains("null"));
+    let missing = broken(|v| {
+        v["effects"][0]
+            .as_object_mut()
+            .expect("an effect")
+            .remove("alternatives");
+    });
+    assert!(missing.contains("alternatives"));
+    let twice = broken(|v| v["effects"] = json!([v["effects"][0], v["effects"][0]]));
+    assert!(twice.contains("twice"));
+    let reversed = broken(|v| {
+        v["effects"][0]["parameters"]["conductance_kg_per_pa_s"]["ci95"] = json!([2, 1]);
+    });
+    assert!(reversed.contains("upside down"));
+    let read = diagnosis("explained", &["leak"]);
+    assert!(read.covers(["pressure_pa", "contraction"]).is_ok());
+    assert!(
+        read.covers(["force_n"])
+            .expect_err("missing")
+            .contains("force_n")
+    );
+
+    let fault = "exit status 1: no such luck";
+    let case = collected(answer(Kind::Single, &["leak"], 10.0), Err(fault.into()));
+    let case = Scored::new(&case);
+    assert_eq!(case.outcome, Outcome::NoAnswer);
+    assert_eq!(case.said(), format!("no answer: {fault}"));
+    // it removes nothing of the gap
+    assert_eq!(
+        (case.share_validation, case.share_unseen),
+        (Some(0.0), Some(0.0))
+    );
+}
+
+#[test]
+fn columns_of_the_confusion_matrix() {
+    let of = |verdict, named: &[&str]| column(Some(&diagnosis(verdict, named)));
+    assert_eq!(of("consistent", &[]), "none");
+    assert_eq!(of("unexplained", &[]), "unexplained");
+    assert_eq!(of("explained", &["leak"]), "leak");
+    assert_eq!(of("explained", &["leak", "creep"]), "several");
+    assert_eq!(column(None), "no answer");
+    assert_eq!(
+        outcome(&answer(Kind::None, &[], 0.0), None),
+        Outcome::NoAnswer
+    );
+}
+
+#[test]
+fn a_case_is_judged_whole() {
+    let case = judged(Kind::Single, &["leak"], "unexplained", &["leak/creep"]);
+    assert!(case.right_with_remainder());
+    assert_eq!(case.said(), "leak, unexplained (or creep)");
+    assert!((case.share_validation.expect("a share") - 0.9).abs() < 1e-12);
+    assert!((case.share_unseen.expect("a share") - 0.8).abs() < 1e-12);
+    // only the pressure had a gap
+    assert_eq!(case.share_by_signal.len(), 1);
+    assert_eq!(case.claim_difference, Some(0.0));
+    assert_eq!(case.noise_ratio["contraction"], 1.0);
+    assert_eq!(case.parameters.len(), 1);
+    assert_eq!(case.parameters[0].inside(), Some(true));
+    let mut other_form = collected(
+        answer(Kind::Single, &["leak"], 10.0),
+        Ok(diagnosis("explained", &["leak"])),
+    );
+    other_form.forms.insert("leak".into(), "orifice".into());
+    let other_form = Scored::new(&other_form);
+    assert_eq!(other_form.forms_shared, [false]);
+    assert!(other_form.parameters.is_empty());
+    // a parameter of a wrong name means nothing
+    assert!(
+        judged(Kind::Single, &["leak"], "explained", &["creep"])
+            .parameters
+            .is_empty()
+    );
+
+    let mut broken = collected(
+        answer(Kind::Single, &["leak"], 10.0),
+        Ok(diagnosis("explained", &["leak"])),
+    );
+    broken.run.unseen = Err("simulate with rig.fitted.toml: exit status 2".into());
+    let broken = Scored::new(&broken);
+    assert_eq!(broken.share_unseen, Some(0.0));
+    assert!(broken.gap_fault.expect("a fault").contains("exit status 2"));
+}
+
+/// A benchmark in which one of everything goes wrong.
+fn benchmark() -> Vec<Collected> {
+    let mut cases = Vec::new();
+    let mut add = |kind, hidden: &[&str], over_noise, said: Option<(&str, &[&str])>| {
+        let mut answer = answer(kind, hidden, over_noise);
+        answer.index = cases.len() as u64;
+        answer.force_channel = answer.index.is_multiple_of(2);
+        let diagnosis = said.map(|(verdict, named)| diagnosis(verdict, named));
+        cases.push(collected(answer, diagnosis.ok_or("gone".into())));
+    };
+    add(
+        Kind::Single,
+        &["leak"],
+        10.0,
+        Some(("explained", &["leak"])),
+    );
+    add(
+        Kind::Single,
+        &["leak"],
+        10.0,
+        Some(("explained", &["creep/leak"])),
+    );
+    add(
+        Kind::Single,
+        &["creep"],
+        10.0,
+        Some(("explained", &["creep"])),
+    );
+    add(Kind::Single, &["slack"], 10.0, None);
+    add(Kind::Single, &["slack"], 2.9, Some(("consistent", &[])));
+    add(
+        Kind::Pair,
+        &["leak", "creep"],
+        10.0,
+        Some(("explained", &["leak", "creep"])),
+    );
+    add(
+        Kind::Pair,
+        &["leak", "slack"],
+        10.0,
+        Some(("explained", &["leak"])),
+    );
+    add(Kind::None, &[], 0.0, Some(("consistent", &[])));
+    add(Kind::None, &[], 0.0, Some(("explained", &["leak"])));
+    add(
+        Kind::Unlisted,
+        &["cogging"],
+        10.0,
+        Some(("unexplained", &[])),
+    );
+    add(
+        Kind::Unlisted,
+        &["cogging"],
+        10.0,
+        Some(("explained", &["friction"])),
+    );
+    cases
+}
+
+#[test]
+fn figures_count_the_visible_and_show_the_others_apart() {
+    let score = Score::of(benchmark().iter().map(Scored::new).collect());
+    let figures = &score.visible;
+    assert_eq!(figures.cases, 10);
+    assert_eq!(figures.single, Rate::new(2, 4));
+    assert_eq!(figures.pair, Rate::new(1, 2));
+    assert_eq!(figures.consistent, Rate::new(1, 2));
+    assert_eq!(figures.false_alarms, Rate::new(1, 2));
+    assert_eq!(figures.abstained, Rate::new(1, 2));
+    assert_eq!(figures.ambiguous, Rate::new(1, 6));
+    assert_eq!(figures.share_validation.of, 6);
+    // the leaks alone: their truth has a form that the tool has
+    assert_eq!(figures.inside_ci95, Rate::new(2, 2));
+    assert_eq!(figures.forms_shared, Rate::new(2, 2));
+    assert_eq!(score.with_force.single, Rate::new(2, 2));
+    assert_eq!(score.without_force.single, Rate::new(0, 2));
+    assert_eq!(score.faint_outcomes[&Kind::Single][&Outcome::Missed], 1);
+    assert_eq!(score.outcomes[&Kind::Pair][&Outcome::Partial], 1);
+    assert_eq!(score.confusion["leak"]["creep"], 1);
+    assert_eq!(score.confusion["slack"]["no answer"], 1);
+    assert_eq!(score.confusion["none"]["none"], 1);
+    let effect = score
+        .dimensions
+        .iter()
+        .find(|d| d.name == "effect")
+        .expect("by effect");
+    // a pair is a case of both its effects
+    assert_eq!(effect.parts["leak"].pair, Rate::new(1, 2));
+    assert_eq!(effect.parts["creep"].single, Rate::new(1, 1));
+    assert_eq!(score.wrong().count(), 5);
+    assert!(!score.reached());
+    let met = REACH.map(|reach| reach.met(&score.visible));
+    assert_eq!(met[0], Some(false));
+    let fallen = collected(answer(Kind::None, &[], 0.0), Err("gone".into()));
+    assert!(!Score::of(vec![Scored::new(&fallen)]).reached());
+    // two of two inside do not show that intervals are too wide; one false alarm of two is one
+    assert_eq!((met[6], met[2]), (Some(true), Some(false)));
+}
+
+#[test]
+fn the_reports_have_it_all() {
+    let score = Score::of(benchmark().iter().map(Scored::new).collect());
+    let origin = Origin {
+        command: "score run".into(),
+        out: "out/x".into(),
+        program: "other".into(),
+        warnings: vec!["Warning: old.".into()],
+    };
+    let text = summary(&score, &origin).to_text();
+    for part in [
+        "exact name of single effects",
+        "2/4 = 50 % (15–85)",
+        "NOT REACHED",
+        "Warning: old.",
+        "leak     creep 1, leak 1",
+        "no answer: gone",
+        "--seed 1 --first 3 --count 1 --again --out out/x-again --diagnose other",
+    ] {
+        assert!(text.contains(part), "{part}\n{text}");
+    }
+    let html = full(&score, &origin).to_html();
+    assert!(html.contains("By form") && html.contains("cogging") && html.contains("3 leak"));
+    let json = serde_json::to_value(&score).expect("JSON");
+    assert_eq!(json["visible"]["single"]["hits"], 2);
+    assert_eq!(json["cases"].as_array().map(Vec::len), Some(11));
+    // nothing was run: nothing to show, and nothing that falls over
+    let empty = Score::of(Vec::new());
+    assert!(empty.reached());
+    assert!(full(&empty, &origin).to_html().contains("no case"));
+}
+
+#[test]
+fn shuffled_answers_are_chance() {
+    // each of ten names five times, all right
+    let names = without::listed();
+    let mut cases = Vec::new();
+    for name in names[..10].iter().cycle().take(50) {
+        let diagnosis = diagnosis("explained", &[name]);
+        cases.push(collected(
+            answer(Kind::Single, &[name], 10.0),
+            Ok(diagnosis),
+        ));
+    }
+    let chances = shuffled::shuffled(&cases, 500, 3);
+    assert_eq!(chances[0].own, Rate::new(50, 50));
+    assert!((chances[0].mean - 0.1).abs() < 0.02, "{chances:?}");
+    assert_eq!(chances[0].as_good, 0.0);
+    let again = shuffled::shuffled(&cases, 500, 3);
+    assert_eq!(format!("{chances:?}"), format!("{again:?}"));
+    let text = shuffled::report(&chances, 500, "score shuffled").to_text();
+    assert!(
+        text.contains("50/50 = 100.0 %") && text.contains("no case"),
+        "{text}"
+    );
+}
+
+#[test]
+fn without_its_effect_a_case_is_to_stay_unexplained() {
+    let case = |verdict, named: &[&str]| judged(Kind::Single, &["leak"], verdict, named);
+    let faint = collected(
+        answer(Kind::Single, &["leak"], 1.0),
+        Ok(diagnosis("consistent", &[])),
+    );
+    let cases = [
+        case("unexplained", &[]),
+        case("consistent", &[]),
+        case("explained", &["creep"]),
+        // even the name that was taken out is a name
+        case("explained", &["leak"]),
+        Scored::new(&faint),
+    ];
+    let part = without::judge("leak", &cases);
+    assert_eq!(part.abstained, Rate::new(1, 4));
+    assert_eq!(part.missed, Rate::new(1, 4));
+    assert_eq!(part.misnamed, Rate::new(2, 4));
+    assert_eq!(
+        without::total(&[part.clone(), part.clone()])[2],
+        Rate::new(4, 8)
+    );
+    let text = without::report(&[part], "score without").to_text();
+    assert!(
+        text.contains("25 % are left unexplained and 50 % get a wrong name"),
+        "{text}"
+    );
+    assert!(text.contains("s1-00007: creep"), "{text}");
+}

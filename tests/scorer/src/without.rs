@@ -1,0 +1,144 @@
+//! An effect taken out of the tool's catalogue: its cases must not get another's name.
+
+use crate::answer::Kind;
+use crate::outcome::Outcome;
+use crate::run::{self, Error, Selection, Tool};
+use crate::scored::Scored;
+use crate::statistics::Rate;
+use hil_sim::report::{Report, Section, Table};
+use serde::Serialize;
+use std::path::Path;
+
+/// What was said of one effect's cases by a tool that does not know it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Without {
+    /// The effect.
+    pub name: String,
+    /// `unexplained`, and nothing named.
+    pub abstained: Rate,
+    /// `consistent`.
+    pub missed: Rate,
+    /// No diagnosis.
+    pub no_answer: Rate,
+    /// Something named.
+    pub misnamed: Rate,
+    /// What was said, by case.
+    pub said: Vec<(String, String)>,
+}
+
+/// Names that can be taken out.
+pub fn listed() -> Vec<&'static str> {
+    let listed = truth::CATALOGUE.iter().filter(|entry| entry.listed);
+    listed.map(|entry| entry.name).collect()
+}
+
+/// Judges the visible ones of an effect's own cases, run without it.
+pub fn judge(name: &str, cases: &[Scored]) -> Without {
+    let visible = || cases.iter().filter(|case| case.visible);
+    let with = |outcome| {
+        let unnamed = |case: &&Scored| case.outcome == outcome && case.named.is_empty();
+        Rate::among(visible(), unnamed)
+    };
+    let said = |case: &Scored| (case.answer.id.clone(), case.said());
+    Without {
+        name: name.into(),
+        abstained: with(Outcome::Abstained),
+        missed: with(Outcome::Missed),
+        no_answer: with(Outcome::NoAnswer),
+        misnamed: Rate::among(visible(), |case| !case.named.is_empty()),
+        said: visible().map(said).collect(),
+    }
+}
+
+/// Runs the tool without effect `name` on `count` cases of that effect alone.
+///
+/// # Errors
+/// As [`run::run`].
+pub fn without(
+    out: &Path,
+    name: &str,
+    [seed, first]: [u64; 2],
+    count: usize,
+    tool: &Tool,
+) -> Result<Without, Error> {
+    let mut tool = tool.clone();
+    tool.arguments
+        .extend(["--without".to_owned(), name.to_owned()]);
+    let selection = Selection {
+        seed,
+        first,
+        count,
+        kinds: vec![Kind::Single],
+        effects: vec![name.into()],
+    };
+    let collected = run::run(&out.join(name), &selection, &tool)?;
+    let cases: Vec<Scored> = collected.iter().map(Scored::new).collect();
+    Ok(judge(name, &cases))
+}
+
+/// All effects together.
+pub fn total(parts: &[Without]) -> [Rate; 4] {
+    let sum = |pick: fn(&Without) -> Rate| {
+        let rates = parts.iter().map(pick);
+        let (hits, of) = rates.fold((0, 0), |(hits, of), r| (hits + r.hits, of + r.of));
+        Rate::new(hits, of)
+    };
+    [
+        sum(|p| p.abstained),
+        sum(|p| p.missed),
+        sum(|p| p.misnamed),
+        sum(|p| p.no_answer),
+    ]
+}
+
+/// For the eye.
+pub fn report(parts: &[Without], command: &str) -> Report {
+    let shown = |rate: Rate| match rate.of {
+        0 => String::new(),
+        of => format!("{}/{of}", rate.hits),
+    };
+    let row = |name: &str, rates: [Rate; 4], said: String| {
+        let mut cells = vec![name.to_owned()];
+        cells.extend(rates.map(shown));
+        cells.push(said);
+        cells
+    };
+    let mut rows: Vec<Vec<String>> = parts
+        .iter()
+        .map(|part| {
+            let said = part.said.iter().filter(|(_, said)| said != "unexplained");
+            let said: Vec<String> = said.map(|(id, said)| format!("{id}: {said}")).collect();
+            let rates = [part.abstained, part.missed, part.misnamed, part.no_answer];
+            row(&part.name, rates, said.join("; "))
+        })
+        .collect();
+    let total = total(parts);
+    rows.push(row("all", total, String::new()));
+    let columns = [
+        "taken out",
+        "unexplained",
+        "consistent",
+        "misnamed",
+        "no answer",
+        "what else was said",
+    ];
+    let share = |rate: Rate| rate.value.map_or(0.0, |value| 100.0 * value);
+    Report {
+        title: "Ablation: each effect taken out of the catalogue".into(),
+        verdict: vec![format!(
+            "On their own cases {:.0} % are left unexplained and {:.0} % get a wrong name.",
+            share(total[0]),
+            share(total[2])
+        )],
+        sections: vec![Section {
+            heading: "Without".into(),
+            tables: vec![Table {
+                caption: "Single effects that show, diagnosed without knowing them".into(),
+                columns: columns.map(String::from).into(),
+                rows,
+            }],
+            ..Section::default()
+        }],
+        repeat: vec![command.into()],
+    }
+}
