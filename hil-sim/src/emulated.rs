@@ -41,12 +41,15 @@ impl Emulated {
             let file = program.display().to_string();
             BadInput::file(file, format!("the emulated board, {why}"))
         };
-        let mut child = Command::new(program)
+        let mut command = Command::new(program);
+        command
             .arg(elf)
             .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .map_err(|error| bad(&error))?;
+            .stdout(Stdio::piped());
+        // An interrupt at the terminal is for us alone: we end it, in order.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let mut child = command.spawn().map_err(|error| bad(&error))?;
         let (stdin, stdout) = (child.stdin.take(), child.stdout.take());
         let stdout = stdout.ok_or_else(|| bad(&"its output cannot be read"))?;
         Ok(Emulated {

@@ -41,6 +41,8 @@ pub struct Job<'a> {
     pub experiment: &'a Experiment,
     /// Wait for real time, for those who watch an emulated board.
     pub real_time: bool,
+    /// Told of the experiment's name, each tick, and the duration \[s\].
+    pub progress: fn(&str, &Tick, f64),
 }
 
 /// How the board fared.
@@ -75,7 +77,8 @@ impl BoardReport {
 /// The board as the experiment's controller.
 struct InTheLoop<'a, P> {
     client: &'a mut Client<P>,
-    settings: Settings,
+    name: &'a str,
+    job: &'a Job<'a>,
     recorder: &'a mut Recorder,
     view: &'a Mutex<View>,
     answer: Option<Answer>,
@@ -102,7 +105,7 @@ impl<P: Port> Ticker for InTheLoop<'_, P> {
         let begins = std::mem::take(&mut self.begins) || began_anew;
         self.recorder.push(&Row {
             board: telemetry.map(|told| (told.tick, told.source, told.timing)),
-            begins_with: begins.then_some(self.settings),
+            begins_with: begins.then_some(self.job.settings),
             ..tick.row()
         })?;
         self.report.link = self.client.counts();
@@ -110,9 +113,11 @@ impl<P: Port> Ticker for InTheLoop<'_, P> {
         if let Ok(mut view) = self.view.lock() {
             view.ticks.push(tick);
             view.report = self.report;
+            view.told_at = Some(Instant::now());
             view.timing = telemetry.map(|told| told.timing).or(view.timing);
             view.log(log);
         }
+        (self.job.progress)(self.name, &tick, self.job.experiment.duration_s);
         self.ticks.push(tick);
         if let Some(from) = self.real_time_from {
             let due = from + Duration::from_secs_f64(tick.time_s);
@@ -141,7 +146,8 @@ pub fn run<P: Port>(
     client.begin_anew()?;
     let mut board = InTheLoop {
         client,
-        settings: job.settings,
+        name,
+        job,
         recorder: &mut recorder,
         view,
         answer: None,

@@ -13,10 +13,12 @@ use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph};
 use std::io;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often it is drawn.
 const FRAME: Duration = Duration::from_millis(50);
+/// A board that is silent for longer is missed.
+const MISSED_AFTER: Duration = Duration::from_millis(500);
 /// Log lines that are kept.
 const LOG_LINES: usize = 100;
 
@@ -29,6 +31,8 @@ pub struct View {
     pub report: BoardReport,
     /// The last tick's.
     pub timing: Option<Timing>,
+    /// When the board answered last.
+    pub told_at: Option<Instant>,
     board: String,
     cycles_per_us: f64,
     run: String,
@@ -151,10 +155,13 @@ fn plot(frame: &mut Frame, area: Rect, view: &View, title: &str, curves: &[Curve
     let (low, high) = values.fold((0.0_f64, 1.0_f64), |(low, high), value| {
         (low.min(value), high.max(value))
     });
+    let mut title = vec![Span::raw(title)];
+    for (name, color, _) in curves {
+        title.push(Span::styled(format!("  {name}"), Style::new().fg(*color)));
+    }
     let sets = curves.iter().zip(&points);
-    let sets = sets.map(|((name, color, _), points)| {
+    let sets = sets.map(|((_, color, _), points)| {
         Dataset::default()
-            .name(*name)
             .marker(Marker::Braille)
             .graph_type(GraphType::Line)
             .style(Style::new().fg(*color))
@@ -168,7 +175,7 @@ fn plot(frame: &mut Frame, area: Rect, view: &View, title: &str, curves: &[Curve
         .bounds([low, high])
         .labels([format!("{low:.0}"), format!("{high:.0}")]);
     let chart = Chart::new(sets.collect())
-        .block(Block::bordered().title(title.to_string()))
+        .block(Block::bordered().title(Line::from(title)))
         .x_axis(x)
         .y_axis(y);
     frame.render_widget(chart, area);
@@ -191,6 +198,11 @@ fn status(view: &View) -> Paragraph<'_> {
         let color = fault.as_ref().map(|_| Color::Red);
         line("fault", fault.unwrap_or_else(|| "none".into()), color);
         line("finger", format!("{:.2} N", output.finger_force_n), None);
+    }
+    let silence = view.told_at.map(|told_at| told_at.elapsed());
+    if let Some(silence) = silence.filter(|silence| *silence > MISSED_AFTER) {
+        let text = format!("for {:.0} s", silence.as_secs_f64());
+        line("NO ANSWER", text, Some(Color::Red));
     }
     let report = &view.report;
     let microseconds = |cycles: u32| f64::from(cycles) / view.cycles_per_us.max(1.0);
@@ -237,6 +249,7 @@ mod tests {
         view.begin("valve B", 2.5);
         view.ticks = ticks.unwrap();
         view.timing = Some(Timing::default());
+        view.told_at = Instant::now().checked_sub(Duration::from_secs(7));
         view.log(vec!["INFO mode: Ready".into()]);
         for (width, height) in [(100, 40), (40, 12), (3, 2)] {
             let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
@@ -249,6 +262,7 @@ mod tests {
                     "contraction",
                     "Assisting",
                     "tick late",
+                    "NO ANSWER",
                     "INFO",
                 ] {
                     assert!(text.contains(part), "{part}:\n{text}");

@@ -5,7 +5,7 @@ use crate::link::{Port, PortError};
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
-/// Speed of the link [bit/s].
+/// Speed of the link \[bit/s\].
 const LINK_BAUD: u32 = 921_600;
 /// How often a port that has gone is looked for.
 const REOPEN_EVERY: Duration = Duration::from_millis(100);

@@ -223,6 +223,10 @@ fn a_missing_board_or_record_is_said_in_one_line() {
         );
     }
     assert!(!path.join("rec.csv").exists() && !path.join("out").exists());
+    let record = |out| ["record", "--port", "no-port", "--out", out];
+    assert!(refused(path, &record("rec.mcap")).contains("the CSV file"));
+    std::fs::write(path.join("there.csv"), "").expect("written");
+    assert!(refused(path, &record("there.csv")).contains("--force"));
     refused(path, &["replay", "nothing.csv"]);
     refused(path, &["replay", "nothing.mcap"]);
     std::fs::write(path.join("not.mcap"), "time_s").expect("written");

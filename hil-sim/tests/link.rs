@@ -49,6 +49,7 @@ fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
         settings,
         experiment: &experiment,
         real_time: false,
+        progress: |_, _, _| {},
     };
     let recorder = Recorder::create(&path).unwrap();
     let view = Mutex::new(View::default());

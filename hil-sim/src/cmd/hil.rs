@@ -4,7 +4,7 @@ use super::Common;
 use super::board::{Connected, connect, in_words};
 use super::run::Scenario;
 use crate::Failure;
-use hil_sim::closed_loop::{TICK_S, Tracking};
+use hil_sim::closed_loop::{TICK_S, Tick, Tracking};
 use hil_sim::hil::{self, BoardReport, Job};
 use hil_sim::paper::{AssistRun, assist_plots, tracking_table, valves};
 use hil_sim::record::Record;
@@ -99,6 +99,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 rig,
                 settings,
                 experiment: &experiment,
+                progress: if with_screen {
+                    no_words
+                } else {
+                    words_at_tenths
+                },
                 real_time: with_screen && !args.fast && args.port.is_none(),
             };
             (*name, job)
@@ -113,6 +118,30 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     finish(args, words, done)
 }
 
+fn no_words(_: &str, _: &Tick, _: f64) {}
+
+/// A line each tenth of the experiment.
+fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
+    let tenth = |time_s: f64| (10.0 * time_s / duration_s).floor();
+    if tenth(tick.time_s) < tenth(tick.time_s + TICK_S) {
+        let (time_s, output) = (tick.time_s + TICK_S, &tick.output);
+        let fault = output
+            .fault
+            .map_or(String::new(), |fault| format!(", {fault:?}"));
+        let (mode, force_n) = (output.mode, tick.force_n);
+        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode:?}{fault}, {force_n:.0} N");
+    }
+}
+
+/// Ends the screen, even if the experiment has panicked.
+struct SetOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for SetOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
+}
+
 /// Runs all jobs while the screen shows them.
 fn on_screen(
     args: &Args,
@@ -124,9 +153,8 @@ fn on_screen(
     let stop = std::sync::Arc::clone(&board.stop);
     let (done, shown) = std::thread::scope(|scope| {
         let jobs = scope.spawn(|| {
-            let done = all(args, board, view, jobs, false);
-            ended.store(true, Ordering::Release);
-            done
+            let _ended = SetOnDrop(&ended);
+            all(args, board, view, jobs, false)
         });
         let shown = screen::show(view, &stop, &ended);
         (jobs.join(), shown)
@@ -216,8 +244,8 @@ fn board_table(done: &[Done]) -> Table {
             done.summary.name.clone(),
             report.ticks.to_string(),
             report.missed_ticks.to_string(),
-            report.late_cycles_max.to_string(),
-            report.busy_cycles_max.to_string(),
+            format!("{} cycles", report.late_cycles_max),
+            format!("{} cycles", report.busy_cycles_max),
             report.link.silent_ticks.to_string(),
             report.link.telemetry_lost.to_string(),
             report.link.frames_rejected.to_string(),
@@ -225,14 +253,13 @@ fn board_table(done: &[Done]) -> Table {
         ]
     };
     Table {
-        caption: "How the board and the line fared; latest start and longest tick in CPU cycles"
-            .into(),
+        caption: "How the board and the line fared".into(),
         columns: [
             "run",
             "ticks",
             "missed",
-            "late by",
-            "took",
+            "latest start",
+            "longest tick",
             "silent ticks",
             "lost frames",
             "bad frames",

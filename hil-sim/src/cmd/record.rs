@@ -37,6 +37,9 @@ pub struct Args {
     /// board is armed
     #[arg(long)]
     from_start: bool,
+    /// Overwrite files that are there
+    #[arg(long)]
+    force: bool,
     /// End after so long [s]
     #[arg(long, value_name = "S", value_parser = super::run::between(0.0, 1e9))]
     duration: Option<f64>,
@@ -56,6 +59,7 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    check_name(args)?;
     let mut board = connect(Some(&args.port))?;
     let words = in_words(&board.identity);
     eprintln!("board: {words}");
@@ -86,6 +90,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         if !replayable {
             super::print("It cannot be replayed: see --from-start.\n");
         }
+    }
+    Ok(())
+}
+
+/// Measurements cannot be had again: they are not overwritten by mistake.
+fn check_name(args: &Args) -> Result<(), BadInput> {
+    let bad = |expected: &str| Err(BadInput::file(super::shown(&args.out), expected));
+    if args.out.extension().is_some_and(|ending| ending == "mcap") {
+        return bad("a name for the CSV file: the MCAP file will stand beside it");
+    }
+    let is_there = args.out.exists() || args.out.with_extension("mcap").exists();
+    if is_there && !args.force {
+        return bad("a new file, found one that --force overwrites");
     }
     Ok(())
 }
