@@ -96,8 +96,9 @@ fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {
         include_str!("../src/reference_rig.toml"),
     )
     .expect("written");
+    // At rest for the self-check, then up and down.
     let finger: String = (0..=200)
-        .map(|n| format!("{},{}\n", 5 * n, 0.12 * f64::from(n % 2)))
+        .map(|n| format!("{},{}\n", 2 + 5 * n, 0.12 * f64::from(n % 2)))
         .collect();
     std::fs::write(
         folder.path().join("finger.csv"),
@@ -115,7 +116,10 @@ fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {
         "--json",
     ];
     let run = json(folder.path(), &run);
-    assert_eq!(run["runs"][0]["board"]["ticks"], 100_000);
+    let run = &run["runs"][0];
+    assert_eq!(run["board"]["ticks"], 100_000);
+    let lift_m = run["tracking"]["lift_m_max"].as_f64();
+    assert!(lift_m > Some(0.03), "{lift_m:?}");
     let result = json(folder.path(), &["replay", "out/assist.csv", "--json"]);
     let result = &result["replay"];
     assert_eq!(

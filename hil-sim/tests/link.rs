@@ -281,6 +281,7 @@ fn a_recorded_rig_is_replayed_from_each_known_start() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rig.csv");
     let mut board = DeviceBoard::new(5);
+    board.faults.echoed = 6_000;
     board
         .events
         .extend([(300, Event::Unplugged(20)), (500, Event::Reset)]);
@@ -341,6 +342,10 @@ proptest! {
         client.begin_anew().unwrap();
         let mut here = Controller::new(reference());
         for tick in 0..400 {
+            if tick == 200 {
+                client.begin_anew().unwrap();
+                here = Controller::new(reference());
+            }
             let sensors: Sensors = wander(tick + 60);
             let answer = client.exchange(&sensors).unwrap();
             if answer.began_anew {

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 
 const LINK_BAUD: u32 = 921_600;
 /// How finely a frame's end is looked for: what the PC hears is late by at most as much.
-const STEP_US: u32 = 100;
+const STEP_US: u32 = 500;
 /// Inputs at rest, docs/wiring.md \[V\].
 const BRIDGE_V: f64 = 1.65;
 const PRESSURE_V: f64 = 0.33;
