@@ -131,6 +131,12 @@ const HOW_PROGRAM: &str = "the emulated board's program, found none: build it wi
 pub fn find() -> Result<(PathBuf, PathBuf), BadInput> {
     let elf = PathBuf::from(TARGET).join("release/firmware");
     let elf = locate("FIRMWARE", "target", &elf, HOW_FIRMWARE)?;
+    let mut magic = [0; 4];
+    let begins = std::fs::File::open(&elf).and_then(|mut file| file.read_exact(&mut magic));
+    if begins.is_err() || magic != *b"\x7fELF" {
+        let why = "the firmware's ELF, found another file";
+        return Err(BadInput::file(elf.display().to_string(), why));
+    }
     let name = format!("release/emulated-board{}", std::env::consts::EXE_SUFFIX);
     let program = locate(
         "EMULATED_BOARD",

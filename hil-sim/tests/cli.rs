@@ -223,6 +223,12 @@ fn a_missing_board_or_record_is_said_in_one_line() {
         );
     }
     assert!(!path.join("rec.csv").exists() && !path.join("out").exists());
+    std::fs::create_dir_all(path.join("target/thumbv7em-none-eabihf/release")).expect("made");
+    let elf = path.join("target/thumbv7em-none-eabihf/release/firmware");
+    std::fs::write(&elf, "no ELF").expect("written");
+    assert!(refused(path, &["hil"]).contains("found another file"));
+    std::fs::write(&elf, "\x7fELF").expect("written");
+    assert!(refused(path, &["hil"]).contains("tests/board/Cargo.toml"));
     let record = |out| ["record", "--port", "no-port", "--out", out];
     assert!(refused(path, &record("rec.mcap")).contains("the CSV file"));
     std::fs::write(path.join("there.csv"), "").expect("written");
