@@ -214,3 +214,19 @@ fn an_effect_on_a_block_that_is_measured_rests() {
     let leaking = simulated(&rig(effect, &[CLAMPED]), &no_valve, FORCE_N);
     assert_eq!(leaking, simulated(&rig("", &[CLAMPED]), &no_valve, FORCE_N));
 }
+
+/// A cold gas at the end of a fill, warmed by one coefficient while charging and by another while
+/// not: with either the flow would turn, so it stays at its reversal.
+#[test]
+fn a_flow_that_neither_heat_transfer_lets_go_stays_at_its_reversal() {
+    let rough = [
+        ("coulomb_friction_n = 4.5 ", "coulomb_friction_n = 12.5 "),
+        ("static_friction_n = 7.0 ", "static_friction_n = 15.0 "),
+    ];
+    let pressure_pa = simulated(&rig("", &rough), &drive(2.5, steps), PRESSURE_PA);
+    // Held at the reference for a row, while gas and weight are on their way, and then let go.
+    for pressure_pa in &pressure_pa[221..=222] {
+        assert!((pressure_pa - 2e5).abs() < 0.01, "{pressure_pa}");
+    }
+    assert!(pressure_pa[224] < 1.9999e5);
+}

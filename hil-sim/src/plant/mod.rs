@@ -44,6 +44,9 @@ pub const TEMPERATURE: usize = 3;
 /// How many states the nominal plant has; those of effects follow.
 pub const NOMINAL_STATES: usize = 4;
 
+/// Time over which the rate of the flow is looked at \[s\].
+const FLOW_SLOPE_S: f64 = 1e-6;
+
 /// Which part of the rig is simulated; the rest is measured and comes in with the [`Drive`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Simulated {
@@ -352,6 +355,38 @@ impl Plant {
             self.term_rates(time_s, state, &mut rates);
         }
         rates
+    }
+
+    /// At the flow's reversal, where heat transfer jumps: the share of charging that keeps the flow
+    /// there, and the rates with that share. Where it lies in (0, 1) the flow cannot leave, as
+    /// either sign would turn it back (the sliding solution of Filippov); else it is 0 or less
+    /// where the flow leaves outward and 1 or more where it leaves inward.
+    #[cold]
+    pub(crate) fn at_reversal<const N: usize>(
+        &self,
+        time_s: f64,
+        drive: &Drive,
+        regime: Regime,
+        state: &[f64; N],
+    ) -> (f64, [f64; N]) {
+        let both = [false, true].map(|charging| {
+            let regime = Regime { charging, ..regime };
+            self.rates(time_s, drive, regime, state)
+        });
+        let flow_kg_per_s = self.flow_kg_per_s(time_s, drive, state);
+        let [discharging, charging] = both.map(|rates| {
+            let next: [f64; N] = core::array::from_fn(|i| state[i] + FLOW_SLOPE_S * rates[i]);
+            self.flow_kg_per_s(time_s + FLOW_SLOPE_S, drive, &next) - flow_kg_per_s
+        });
+        let share = if discharging > charging {
+            discharging / (discharging - charging)
+        } else if charging > 0.0 {
+            1.0
+        } else {
+            0.0
+        };
+        let rates = core::array::from_fn(|i| both[0][i] + share * (both[1][i] - both[0][i]));
+        (share, rates)
     }
 
     /// Rates of the states that effects on muscle, load and sensors have.

@@ -258,6 +258,8 @@ struct Trajectory<const N: usize> {
     time_s: f64,
     state: [f64; N],
     regime: Regime,
+    /// The flow stays at its reversal: either sign's heat transfer would turn it back.
+    sliding: bool,
     /// Rates of the state, where they are known for the drive.
     rates: Option<(Drive, [f64; N])>,
     /// Per state: 1 over the error that is allowed.
@@ -300,6 +302,7 @@ impl<const N: usize> Trajectory<N> {
                 motion: Motion::Stuck,
                 charging: false,
             },
+            sliding: false,
             rates: None,
             per_error,
             flow_error_kg_per_s: flow_gain * tolerance * RANGES[PRESSURE],
@@ -352,6 +355,7 @@ impl<const N: usize> Trajectory<N> {
             _ => {
                 let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
                 self.regime.charging = flow > 0.0;
+                self.sliding = false;
                 self.step_s = self.step_s_after_jump;
                 self.work.evaluations += 1;
                 plant.rates(self.time_s, drive, self.regime, &self.state)
@@ -378,8 +382,12 @@ impl<const N: usize> Trajectory<N> {
             };
             let length_s = remaining_s / steps;
             let regime = self.regime;
-            let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
-            let step = Step::take(f, self.time_s, &self.state, &rates, length_s);
+            let step = if self.sliding {
+                self.sliding_step(plant, drive, &rates, length_s)
+            } else {
+                let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
+                Step::take(f, self.time_s, &self.state, &rates, length_s)
+            };
             self.work.evaluations += 6;
             let error = self.relative_error(&step);
             let fitting_s = length_s * growth(error);
@@ -413,9 +421,9 @@ impl<const N: usize> Trajectory<N> {
                     self.state = step.interpolate(fraction);
                     match event {
                         Event::Motion => self.change_motion(plant),
-                        Event::Flow => self.regime.charging = !self.regime.charging,
+                        Event::Flow => self.change_flow(plant, drive),
                     }
-                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
+                    rates = self.current_rates(plant, drive);
                     self.work.evaluations += 1;
                     self.work.events += 1;
                     events += 1;
@@ -429,7 +437,7 @@ impl<const N: usize> Trajectory<N> {
                 let before = self.state;
                 plant.update_terms(Update::Commit, self.time_s, drive, &mut self.state);
                 if self.state != before {
-                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
+                    rates = self.current_rates(plant, drive);
                     self.work.evaluations += 1;
                 }
             }
@@ -458,6 +466,9 @@ impl<const N: usize> Trajectory<N> {
     #[inline]
     fn flow_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
         plant.pneumatics.as_ref()?;
+        if self.sliding {
+            return self.slide_end(plant, drive, step);
+        }
         let sign = if self.regime.charging { 1.0 } else { -1.0 };
         let margin = |fraction: f64, state: &[f64]| {
             let time_s = self.time_s + fraction * step.length_s;
@@ -469,6 +480,60 @@ impl<const N: usize> Trajectory<N> {
             })
             .1
         })
+    }
+
+    /// Where in `step` the flow leaves its reversal.
+    #[cold]
+    fn slide_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
+        let margin = |fraction: f64, state: &[f64; N]| {
+            let time_s = self.time_s + fraction * step.length_s;
+            let share = plant.at_reversal(time_s, drive, self.regime, state).0;
+            share.min(1.0 - share)
+        };
+        (margin(1.0, &step.end) < 0.0).then(|| {
+            bracket(1.0, FLOW_FRACTION, |fraction| {
+                margin(fraction, &step.interpolate(fraction))
+            })
+            .1
+        })
+    }
+
+    /// A step along the flow's reversal.
+    #[cold]
+    fn sliding_step(
+        &self,
+        plant: &Plant,
+        drive: &Drive,
+        rates: &[f64; N],
+        length_s: f64,
+    ) -> Step<N> {
+        let f =
+            |time_s: f64, state: &[f64; N]| plant.at_reversal(time_s, drive, self.regime, state).1;
+        Step::take(f, self.time_s, &self.state, rates, length_s)
+    }
+
+    /// Rates after a change of the regime or the state.
+    fn current_rates(&self, plant: &Plant, drive: &Drive) -> [f64; N] {
+        if self.sliding {
+            plant
+                .at_reversal(self.time_s, drive, self.regime, &self.state)
+                .1
+        } else {
+            plant.rates(self.time_s, drive, self.regime, &self.state)
+        }
+    }
+
+    /// Brings a flow that is at its reversal to the other sign, or keeps it there: where charging
+    /// turns it outward and discharging inward it can have neither sign.
+    fn change_flow(&mut self, plant: &Plant, drive: &Drive) {
+        let (share, _) = plant.at_reversal(self.time_s, drive, self.regime, &self.state);
+        if self.sliding {
+            self.sliding = false;
+            self.regime.charging = share > 0.5;
+        } else {
+            self.regime.charging = !self.regime.charging;
+            self.sliding = share > 0.0 && share < 1.0;
+        }
     }
 
     /// Where in `step` the weight stops, meets the stop, or breaks away.
