@@ -3,6 +3,7 @@
 //! The nominal line is ideal: no delay, and the pressure at the valve's port, which the sensor
 //! reads, is the muscle's.
 
+use super::muscle::MuscleTerm;
 use super::term::{Dynamics, Terms};
 use model_core::pressure::GaugePa;
 
@@ -13,6 +14,8 @@ pub struct LinePoint {
     pub time_s: f64,
     /// Pressure in the muscle.
     pub muscle: GaugePa<f64>,
+    /// Volume of the muscle \[m³\].
+    pub volume_m3: f64,
     /// Mass flow from the valve into the line \[kg/s\]; zero where `settle` asks.
     pub valve_flow_kg_per_s: f64,
 }
@@ -34,6 +37,17 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
     fn flow_kg_per_s(&self, _at: &LinePoint, _state: &[f64], flow_kg_per_s: f64) -> f64 {
         flow_kg_per_s
     }
+
+    /// Pressure at the sensor, from the one that comes to the term: the port's, which it sits on.
+    fn sensor(&self, _at: &LinePoint, _state: &[f64], sensor: GaugePa<f64>) -> GaugePa<f64> {
+        sensor
+    }
+
+    /// What the term leaves of itself where the sensor's pressure is an input: a term on the force,
+    /// of a muscle whose pressure is not quite the one that was measured.
+    fn with_measured_pressure(&self) -> Option<Box<dyn MuscleTerm>> {
+        None
+    }
 }
 
 /// The line.
@@ -46,7 +60,7 @@ pub struct LineBlock {
 impl LineBlock {
     /// Time that the reference takes to the valve \[s\].
     pub fn delay_s(&self) -> f64 {
-        self.terms.iter(&[]).map(|(term, _)| term.delay_s()).sum()
+        self.terms.all().map(LineTerm::delay_s).sum()
     }
 
     /// Pressure at the valve's port.
@@ -57,6 +71,15 @@ impl LineBlock {
             port = term.port(at, own, port);
         }
         port
+    }
+
+    /// Pressure at the sensor.
+    pub fn sensor(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
+        let mut sensor = self.port(at, state);
+        for (term, own) in self.terms.iter(state) {
+            sensor = term.sensor(at, own, sensor);
+        }
+        sensor
     }
 
     /// Mass flow into the muscle \[kg/s\].

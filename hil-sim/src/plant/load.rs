@@ -15,6 +15,12 @@ pub struct LoadPoint {
     pub contraction: f64,
     /// Contraction rate \[1/s\].
     pub contraction_rate_per_s: f64,
+    /// Where the motion goes in the present regime: 1 contracting, −1 paying out, 0 at rest. A step
+    /// may reach past a reversal that is then located; rates that take their sign from here and not
+    /// from the speed stay smooth there. Zero except where [`Dynamics::rates`] asks.
+    pub direction: f64,
+    /// L \[m\].
+    pub initial_length_m: f64,
 }
 
 /// A term of the load block.

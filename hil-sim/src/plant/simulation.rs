@@ -9,7 +9,8 @@ use super::load::{LoadBlock, Motion};
 use super::sensors::Reading;
 use super::term::Update;
 use super::{
-    CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, TEMPERATURE,
+    CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, STATES_MAX,
+    TEMPERATURE,
 };
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::collections::VecDeque;
@@ -112,14 +113,16 @@ pub struct Simulation {
 /// The state, in an array that fits the plant: the nominal one is the fast one.
 enum Core {
     Nominal(Box<Trajectory<NOMINAL_STATES>>),
-    Some(Box<Trajectory<12>>),
-    Many(Box<Trajectory<40>>),
+    Few(Box<Trajectory<8>>),
+    Some(Box<Trajectory<16>>),
+    Many(Box<Trajectory<STATES_MAX>>),
 }
 
 macro_rules! each {
     ($core:expr, $trajectory:ident => $body:expr) => {
         match $core {
             Core::Nominal($trajectory) => $body,
+            Core::Few($trajectory) => $body,
             Core::Some($trajectory) => $body,
             Core::Many($trajectory) => $body,
         }
@@ -130,12 +133,13 @@ impl Simulation {
     /// `plant` at `initial`, its effects settled under `drive`.
     ///
     /// # Panics
-    /// If the effects together have more than 36 states, which no rig file can ask for.
+    /// If the effects together have more states than [`Plant::new`] admits.
     pub fn new(plant: Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Simulation {
         let core = match plant.states() {
             NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
-            5..=12 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
-            13..=40 => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
+            5..=8 => Core::Few(Trajectory::new(&plant, initial, drive, tolerance)),
+            9..=16 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
+            17..=STATES_MAX => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
             states => panic!("{states} states"),
         };
         let delay_s = plant.pneumatics.as_ref().map_or(0.0, |p| p.line.delay_s());

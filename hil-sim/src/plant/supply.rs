@@ -1,7 +1,7 @@
 //! The supply block: the pressure that feeds the valve.
 
 use super::term::{Dynamics, Terms};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 
 /// What a term of the supply block sees.
 #[derive(Clone, Copy, Debug)]
@@ -10,6 +10,10 @@ pub struct SupplyPoint {
     pub time_s: f64,
     /// Mass flow that the valve draws \[kg/s\], ≥ 0; zero where only the pressure is asked for.
     pub drawn_kg_per_s: f64,
+    /// Nominal supply pressure.
+    pub nominal: GaugePa<f64>,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
 }
 
 /// A term of the supply block.

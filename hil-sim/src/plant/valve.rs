@@ -1,7 +1,7 @@
 //! The valve block (Eq 9).
 
 use super::term::{Dynamics, Terms};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::valve::mass_flow_kg_per_s;
 
 /// What a term of the valve block sees.
@@ -15,6 +15,8 @@ pub struct ValvePoint {
     pub port: GaugePa<f64>,
     /// Supply pressure.
     pub supply: GaugePa<f64>,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
 }
 
 /// A term of the valve block.
