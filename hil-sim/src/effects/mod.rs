@@ -8,11 +8,16 @@
 //! A measured rig follows none of the forms exactly: each says where it comes from and what it
 //! leaves out.
 
+mod bladder_elasticity;
+mod creep;
 mod dead_band;
+mod hysteresis;
 mod leak;
 mod orifice;
 mod payload;
 mod pressure_sensor_offset;
+mod run_in;
+mod slack;
 mod supply_droop;
 mod transport_delay;
 mod valve_lag;
@@ -104,7 +109,12 @@ impl EffectKind {
 
 /// Every effect that a rig may name, block by block.
 pub const CATALOGUE: &[EffectKind] = &[
+    hysteresis::KIND,
+    creep::KIND,
     dead_band::KIND,
+    bladder_elasticity::KIND,
+    slack::KIND,
+    run_in::KIND,
     payload::KIND,
     valve_lag::KIND,
     transport_delay::KIND,
