@@ -8,11 +8,15 @@
 //! A measured rig follows none of the forms exactly: each says where it comes from and what it
 //! leaves out.
 
+mod backlash;
 mod bladder_elasticity;
 mod creep;
 mod dead_band;
+mod flow_limit;
+mod friction;
 mod hysteresis;
 mod leak;
+mod line_dynamics;
 mod orifice;
 mod payload;
 mod pressure_sensor_offset;
@@ -20,6 +24,7 @@ mod run_in;
 mod slack;
 mod supply_droop;
 mod transport_delay;
+mod valve_dead_zone;
 mod valve_lag;
 
 use crate::plant::Term;
@@ -115,9 +120,14 @@ pub const CATALOGUE: &[EffectKind] = &[
     bladder_elasticity::KIND,
     slack::KIND,
     run_in::KIND,
+    friction::KIND,
     payload::KIND,
+    backlash::KIND,
+    valve_dead_zone::KIND,
+    flow_limit::KIND,
     valve_lag::KIND,
     transport_delay::KIND,
+    line_dynamics::KIND,
     leak::KIND,
     supply_droop::KIND,
     pressure_sensor_offset::KIND,
