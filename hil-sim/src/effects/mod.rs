@@ -10,15 +10,19 @@
 
 mod backlash;
 mod bladder_elasticity;
+mod contraction_sensor_offset;
 mod creep;
 mod dead_band;
 mod flow_limit;
 mod friction;
+mod heat_exchange;
 mod hysteresis;
 mod leak;
 mod line_dynamics;
 mod orifice;
 mod payload;
+mod pressure_sensor_drift;
+mod pressure_sensor_gain;
 mod pressure_sensor_offset;
 mod run_in;
 mod slack;
@@ -129,8 +133,12 @@ pub const CATALOGUE: &[EffectKind] = &[
     transport_delay::KIND,
     line_dynamics::KIND,
     leak::KIND,
+    heat_exchange::KIND,
     supply_droop::KIND,
     pressure_sensor_offset::KIND,
+    pressure_sensor_gain::KIND,
+    pressure_sensor_drift::KIND,
+    contraction_sensor_offset::KIND,
 ];
 
 /// The effect of that name, if the catalogue has it.
