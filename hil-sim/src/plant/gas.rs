@@ -102,8 +102,16 @@ impl GasBlock {
             heat_transfer_w_per_m2_k: at.heat_transfer_w_per_m2_k,
             wall_temperature_k: self.gas.ambient_temperature_k,
         };
+        if !self.terms.is_empty() {
+            exchange = self.with_terms(*at, state, exchange);
+        }
+        exchange
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: GasPoint, state: &[f64], mut exchange: Exchange) -> Exchange {
         for (term, own) in self.terms.iter(state) {
-            term.exchange(at, own, &mut exchange);
+            term.exchange(&at, own, &mut exchange);
         }
         exchange
     }

@@ -54,9 +54,17 @@ impl LoadBlock {
     /// The constants in force, and the external force that lifts \[N\].
     #[inline]
     fn constants(&self, at: &LoadPoint, state: &[f64]) -> (Weight, f64) {
+        if self.terms.is_empty() {
+            return (self.weight, 0.0);
+        }
+        self.with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: LoadPoint, state: &[f64]) -> (Weight, f64) {
         let (mut weight, mut force_n) = (self.weight, 0.0);
         for (term, own) in self.terms.iter(state) {
-            term.change(at, own, &mut weight, &mut force_n);
+            term.change(&at, own, &mut weight, &mut force_n);
         }
         (weight, force_n)
     }

@@ -44,9 +44,17 @@ impl MuscleBlock {
     /// Muscle force F \[N\].
     #[inline]
     pub fn force_n(&self, at: &MusclePoint, state: &[f64]) -> f64 {
-        let mut force = self.law.force_n(at.contraction, at.pressure);
+        let force_n = self.law.force_n(at.contraction, at.pressure);
+        if self.terms.is_empty() {
+            return force_n;
+        }
+        self.with_terms_n(*at, state, force_n)
+    }
+
+    #[inline(never)]
+    fn with_terms_n(&self, at: MusclePoint, state: &[f64], mut force: f64) -> f64 {
         for (term, own) in self.terms.iter(state) {
-            force = term.force_n(at, &self.law, own, force);
+            force = term.force_n(&at, &self.law, own, force);
         }
         for term in self.terms.all() {
             force = term.limit_n(force);

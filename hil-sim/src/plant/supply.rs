@@ -35,9 +35,17 @@ impl SupplyBlock {
     /// Supply pressure at the valve.
     #[inline]
     pub fn pressure(&self, at: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
+        if self.terms.is_empty() {
+            return self.nominal;
+        }
+        self.with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: SupplyPoint, state: &[f64]) -> GaugePa<f64> {
         let mut supply = self.nominal;
         for (term, own) in self.terms.iter(state) {
-            supply = term.pressure(at, own, supply);
+            supply = term.pressure(&at, own, supply);
         }
         supply
     }

@@ -46,14 +46,27 @@ impl ValveBlock {
     /// valve cannot fill above its supply nor draw below the atmosphere.
     #[inline]
     pub fn flow_kg_per_s(&self, at: &ValvePoint, state: &[f64]) -> f64 {
+        if self.terms.is_empty() {
+            return self.nominal_kg_per_s(at, at.reference);
+        }
+        self.with_terms_kg_per_s(*at, state)
+    }
+
+    #[inline]
+    fn nominal_kg_per_s(&self, at: &ValvePoint, reference: GaugePa<f64>) -> f64 {
+        let limited = GaugePa(reference.0.min(at.supply.0).max(0.0));
+        mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port)
+    }
+
+    #[inline(never)]
+    fn with_terms_kg_per_s(&self, at: ValvePoint, state: &[f64]) -> f64 {
         let mut reference = at.reference;
         for (term, own) in self.terms.iter(state) {
-            reference = term.reference(at, own, reference);
+            reference = term.reference(&at, own, reference);
         }
-        let limited = GaugePa(reference.0.min(at.supply.0).max(0.0));
-        let mut flow = mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port);
+        let mut flow = self.nominal_kg_per_s(&at, reference);
         for (term, own) in self.terms.iter(state) {
-            flow = term.flow_kg_per_s(at, own, flow);
+            flow = term.flow_kg_per_s(&at, own, flow);
         }
         flow
     }
