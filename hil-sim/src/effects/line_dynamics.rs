@@ -1,7 +1,9 @@
 //! `line-dynamics`: the hose between the valve's port, where the pressure is measured, and the
 //! muscle.
 
-use super::{AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
+use super::{
+    AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, REFERENCE_PRESSURE_PA, STATE_PA,
+};
 use crate::plant::Term;
 use crate::plant::gas::GAS_CONSTANT_J_PER_KG_K;
 use crate::plant::line::{LinePoint, LineTerm};
@@ -40,9 +42,10 @@ pub(super) const KIND: EffectKind = EffectKind {
         Form {
             name: "inertance",
             parameters: &[PERIOD_S, DAMPING_RATIO, HOSE_VOLUME_M3],
-            source: "A hose's volume at the port, then its inertance and a linear resistance: one \
-                     lump of a line (Stecki & Davis 1986). The period is that of the hose's \
-                     volume against a muscle of constant pressure. Leaves out higher modes.",
+            source: "A hose's volume at the port, then its inertance and a laminar resistance: one \
+                     lump of a line (Stecki & Davis 1986). Period and damping are those of the \
+                     hose's volume against a muscle that holds 300 kPa. Leaves out higher modes \
+                     and turbulence.",
             build: |values| {
                 Term::Line(Box::new(Inertance {
                     period_s: values[0],
@@ -177,10 +180,13 @@ impl Dynamics<LinePoint> for Inertance {
         rates[0] = (at.valve_flow_kg_per_s - flow_kg_per_s) * per_capacity_pa_per_kg / STATE_PA;
         let angular_per_s = TAU / self.period_s;
         let driving_pa = state[0] * STATE_PA - at.muscle.0;
+        // What is laminar resists a mass flow in inverse proportion to the density.
+        let muscle_pa = at.muscle.0 + at.atmospheric.0;
+        let thinness = (REFERENCE_PRESSURE_PA + at.atmospheric.0) / muscle_pa;
         // 1/I = ω²·(V/RT); the resistance is 2ζωI.
         rates[1] = angular_per_s * angular_per_s * driving_pa
             / (per_capacity_pa_per_kg * STATE_KG_PER_S)
-            - 2.0 * self.damping_ratio * angular_per_s * state[1];
+            - 2.0 * self.damping_ratio * thinness * angular_per_s * state[1];
     }
 }
 

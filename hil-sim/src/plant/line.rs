@@ -5,7 +5,7 @@
 
 use super::muscle::MuscleTerm;
 use super::term::{Dynamics, Terms};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 
 /// What a term of the line block sees.
 #[derive(Clone, Copy, Debug)]
@@ -14,6 +14,8 @@ pub struct LinePoint {
     pub time_s: f64,
     /// Pressure in the muscle.
     pub muscle: GaugePa<f64>,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
     /// Volume of the muscle \[m³\].
     pub volume_m3: f64,
     /// Mass flow from the valve into the line \[kg/s\]; zero where `settle` asks.
@@ -66,9 +68,17 @@ impl LineBlock {
     /// Pressure at the valve's port.
     #[inline]
     pub fn port(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
+        if self.terms.is_empty() {
+            return at.muscle;
+        }
+        self.port_with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn port_with_terms(&self, at: LinePoint, state: &[f64]) -> GaugePa<f64> {
         let mut port = at.muscle;
         for (term, own) in self.terms.iter(state) {
-            port = term.port(at, own, port);
+            port = term.port(&at, own, port);
         }
         port
     }
@@ -85,9 +95,17 @@ impl LineBlock {
     /// Mass flow into the muscle \[kg/s\].
     #[inline]
     pub fn flow_kg_per_s(&self, at: &LinePoint, state: &[f64]) -> f64 {
+        if self.terms.is_empty() {
+            return at.valve_flow_kg_per_s;
+        }
+        self.with_terms_kg_per_s(*at, state)
+    }
+
+    #[inline(never)]
+    fn with_terms_kg_per_s(&self, at: LinePoint, state: &[f64]) -> f64 {
         let mut flow = at.valve_flow_kg_per_s;
         for (term, own) in self.terms.iter(state) {
-            flow = term.flow_kg_per_s(at, own, flow);
+            flow = term.flow_kg_per_s(&at, own, flow);
         }
         flow
     }

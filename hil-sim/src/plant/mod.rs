@@ -6,9 +6,11 @@
 //!                      supply                          sensors read P, ε, F
 //! ```
 //!
-//! A block is its nominal equation and a list of terms, the effects that were added to it. Each
-//! block runs alone when what it needs is measured: without a load the contraction is an input,
-//! without pneumatics the pressure is ([`Simulated`]). Pressures in the state are absolute.
+//! A block is its nominal equation and a list of terms, the effects that were added to it. Terms
+//! are called out of line, with a copy of what they see, so that the nominal plant keeps all of it
+//! in registers. Each block runs alone when what it needs is measured: without a load the
+//! contraction is an input, without pneumatics the pressure is ([`Simulated`]). Pressures in the
+//! state are absolute.
 
 pub mod gas;
 pub mod integrate;
@@ -174,6 +176,7 @@ impl Pneumatics {
         let mut line = LinePoint {
             time_s,
             muscle: pressure.to_gauge(atmospheric),
+            atmospheric,
             volume_m3: self.gas.volume.volume_m3(state[CONTRACTION]),
             valve_flow_kg_per_s: 0.0,
         };
@@ -507,6 +510,7 @@ impl Plant {
                 let at = LinePoint {
                     time_s,
                     muscle,
+                    atmospheric: self.atmospheric,
                     volume_m3: pneumatics.gas.volume.volume_m3(state[CONTRACTION]),
                     valve_flow_kg_per_s: 0.0,
                 };
