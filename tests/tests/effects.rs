@@ -516,6 +516,8 @@ fn slack_holds_against_effects_that_come_after_it() {
 
 #[test]
 fn run_in_falls_with_the_way_and_not_with_time() {
+    // Motion within this to either side is taken for noise.
+    const PLAY: f64 = 5e-4;
     // One second of rest between two strokes.
     let path = [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0), (4.0, 0.1)];
     let record = bench(STEP_S, 401, through(path), |_| 3e5);
@@ -528,11 +530,11 @@ fn run_in_falls_with_the_way_and_not_with_time() {
         let added = added_n(&effect("run-in", form, &parameters), &record);
         for (row, way) in [
             (0, 0.0),
-            (50, 0.05),
-            (100, 0.1),
-            (200, 0.1),
-            (300, 0.2),
-            (400, 0.3),
+            (50, 0.05 - PLAY),
+            (100, 0.1 - PLAY),
+            (200, 0.1 - PLAY),
+            (300, 0.2 - 3.0 * PLAY),
+            (400, 0.3 - 5.0 * PLAY),
         ] {
             assert_near(
                 added[row] / nominal_n[row],
@@ -805,8 +807,16 @@ fn line_dynamics_delay_the_muscle_by_their_first_moment() {
         ("hose_volume_m3", 2e-5),
     ];
     let inertance = effect("line-dynamics", "inertance", &parameters);
-    let expected_s = over_angular_s(0.2) * volume_m3 / 2e-5;
-    assert_near(moment_s(&inertance, 1.0), expected_s, 2e-4, "inertance");
+    // The mean of 1/P between the two pressures, on that at 300 kPa; some of the air comes later,
+    // at the higher one, while the gas cools.
+    let thinness = (401_325.0_f64 / 301_325.0).ln() * 4.01325;
+    let expected_s = over_angular_s(0.2) * volume_m3 / 2e-5 * thinness;
+    assert_near(
+        moment_s(&inertance, 1.0),
+        expected_s,
+        0.05 * expected_s,
+        "inertance",
+    );
 
     let parameters = [("period_s", 0.05), ("damping_ratio", 0.2)];
     let tube = effect("line-dynamics", "sensor-tube", &parameters);
@@ -1135,6 +1145,32 @@ fn every_form_converges_with_the_tolerance() {
         let apart = apart(&runs(&effect, 1e-6), &runs(&effect, 1e-9));
         println!("{:22} {:18} {apart:.1e}", kind.name, form.name);
         assert!(apart < LIMIT, "{} {}: {apart}", kind.name, form.name);
+    }
+}
+
+/// A fit may go anywhere inside the bounds: what comes back is numbers, or a message.
+#[test]
+fn no_form_panics_at_the_ends_of_its_parameters() {
+    let record = drive(0.6, |time_s| [4.9e5, 0.0, 2e5][(5.0 * time_s) as usize]);
+    for (kind, form) in every_form() {
+        for (i, parameter) in form.parameters.iter().enumerate() {
+            for value in [parameter.min, parameter.max] {
+                let mut effect = usual(kind, form);
+                effect.values[i] = value;
+                for changes in [&[][..], &[CLAMPED]] {
+                    let Ok(simulated) = simulate(&rig(&effect.to_toml(), changes), &record, 1e-4)
+                    else {
+                        continue;
+                    };
+                    let force_n = simulated.require(FORCE_N).expect("the column");
+                    assert!(
+                        force_n.iter().all(|n| n.is_finite()),
+                        "{}",
+                        effect.to_toml()
+                    );
+                }
+            }
+        }
     }
 }
 

@@ -126,7 +126,10 @@ impl ValveTerm for Orifices {
         if self.rounded {
             flow_kg_per_s * limit_kg_per_s / flow_kg_per_s.hypot(limit_kg_per_s)
         } else {
-            flow_kg_per_s.clamp(-limit_kg_per_s, limit_kg_per_s)
+            flow_kg_per_s
+                .abs()
+                .min(limit_kg_per_s)
+                .copysign(flow_kg_per_s)
         }
     }
 }

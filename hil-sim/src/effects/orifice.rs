@@ -19,9 +19,11 @@ impl Orifice {
     /// Mass flow \[kg/s\] towards the lower pressure; none against it.
     pub fn flow_kg_per_s(&self, upstream: AbsolutePa<f64>, downstream: AbsolutePa<f64>) -> f64 {
         let ratio = downstream.0 / upstream.0;
-        let share = if ratio >= 1.0 {
-            0.0
-        } else if ratio > LAMINAR_RATIO {
+        // Also where a trial step has left physics.
+        if ratio.is_nan() || ratio >= 1.0 || upstream.0 <= 0.0 {
+            return 0.0;
+        }
+        let share = if ratio > LAMINAR_RATIO {
             self.subsonic(LAMINAR_RATIO) * (1.0 - ratio) / (1.0 - LAMINAR_RATIO)
         } else {
             self.subsonic(ratio.max(self.critical_ratio))

@@ -42,7 +42,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "orifice",
             parameters: &[
                 RESERVOIR_VOLUME_M3,
-                Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-5), 2e-9).log(),
+                Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log(),
             ],
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
                      ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \

@@ -60,9 +60,13 @@ impl SensorBlock {
             for term in self.terms.without_states() {
                 term.read(&at, &[], &mut read);
             }
+            let before = truth;
             truth.pressure.0 += reading.pressure.0 - read.pressure.0;
             truth.contraction += reading.contraction - read.contraction;
             truth.force_n += reading.force_n - read.force_n;
+            if truth == before {
+                break;
+            }
         }
         truth
     }
