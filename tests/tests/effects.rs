@@ -1174,6 +1174,19 @@ fn no_form_panics_at_the_ends_of_its_parameters() {
     }
 }
 
+/// A rig with these lines at its end is refused there.
+fn assert_refused(text: &str, line: usize, key: &str, says: &str) {
+    let parsed = Rig::parse("rig.toml", &(Rig::REFERENCE_TOML.to_owned() + text));
+    let drive = drive(0.1, steps);
+    let error = parsed.and_then(|rig| simulate(&rig, &drive, TOLERANCE));
+    let message = error.expect_err("a malformed effect").to_string();
+    let place = format!("rig.toml:{line}: key `{key}`: expected ");
+    assert!(
+        message.starts_with(&place) && message.contains(says),
+        "{message}\n{place}{says}"
+    );
+}
+
 #[test]
 fn malformed_effects_are_refused_with_line_and_key() {
     let first = Rig::REFERENCE_TOML.lines().count() + 1;
@@ -1237,14 +1250,6 @@ fn malformed_effects_are_refused_with_line_and_key() {
         ),
         (many, 0, "effect", "effects with at most 36 states together"),
     ] {
-        let parsed = Rig::parse("rig.toml", &(Rig::REFERENCE_TOML.to_owned() + &text));
-        let drive = drive(0.1, steps);
-        let error = parsed.and_then(|rig| simulate(&rig, &drive, TOLERANCE));
-        let message = error.expect_err("a malformed effect").to_string();
-        let place = format!("rig.toml:{}: key `{key}`: expected ", first + line);
-        assert!(
-            message.starts_with(&place) && message.contains(says),
-            "{message}\n{place}{says}"
-        );
+        assert_refused(&text, first + line, key, says);
     }
 }

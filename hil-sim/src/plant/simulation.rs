@@ -23,6 +23,8 @@ pub const TOLERANCE: f64 = 1e-6;
 const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
 /// Shortest step \[s\]: below it the equations have left physics.
 const STEP_S_MIN: f64 = 1e-11;
+/// Times that differ by less are the same: a delay of whole rows must not leave steps of rounding.
+const SAME_S: f64 = 1e-9;
 /// Changes of motion that one advance may see; physics needs a handful in 10 ms.
 const EVENTS_MAX: u32 = 10_000;
 /// The share of a step to which a change of motion is located: below 1e-15 s of 10 ms.
@@ -169,18 +171,22 @@ impl Simulation {
         }
         let mut drive = *drive;
         loop {
-            drive.reference = self.arrived;
+            let now_s = each!(core, trajectory => trajectory.time_s);
             let next = self.pending.front().copied();
-            let (stretch_s, arrival) = match next {
-                Some((arrival_s, reference)) if arrival_s < until_s => (arrival_s, Some(reference)),
-                _ => (until_s, None),
+            let stretch_s = match next {
+                Some((arrival_s, reference)) if arrival_s <= now_s + SAME_S => {
+                    self.arrived = reference;
+                    self.pending.pop_front();
+                    continue;
+                }
+                Some((arrival_s, _)) if arrival_s < until_s - SAME_S => arrival_s,
+                _ => until_s,
             };
+            drive.reference = self.arrived;
             each!(core, trajectory => trajectory.advance(plant, &drive, stretch_s))?;
-            match arrival {
-                None => return Ok(()),
-                Some(reference) => self.arrived = reference,
+            if stretch_s == until_s {
+                return Ok(());
             }
-            self.pending.pop_front();
         }
     }
 
@@ -385,13 +391,7 @@ impl<const N: usize> Trajectory<N> {
                 (remaining_s / self.step_s).ceil()
             };
             let length_s = remaining_s / steps;
-            let regime = self.regime;
-            let step = if self.sliding {
-                self.sliding_step(plant, drive, &rates, length_s)
-            } else {
-                let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
-                Step::take(f, self.time_s, &self.state, &rates, length_s)
-            };
+            let step = self.trial(plant, drive, &rates, length_s);
             self.work.evaluations += 6;
             let error = self.relative_error(&step);
             let fitting_s = length_s * growth(error);
@@ -421,15 +421,9 @@ impl<const N: usize> Trajectory<N> {
                     rates = step.rates[6];
                 }
                 Some((fraction, event)) => {
-                    self.time_s += fraction * length_s;
-                    self.state = step.interpolate(fraction);
-                    match event {
-                        Event::Motion => self.change_motion(plant),
-                        Event::Flow => self.change_flow(plant, drive),
-                    }
+                    self.pass(plant, drive, &step, fraction, event);
                     rates = self.current_rates(plant, drive);
                     self.work.evaluations += 1;
-                    self.work.events += 1;
                     events += 1;
                     if events > EVENTS_MAX {
                         let time_s = self.time_s;
@@ -448,6 +442,17 @@ impl<const N: usize> Trajectory<N> {
         }
         self.rates = Some((*drive, rates));
         Ok(())
+    }
+
+    /// Goes to `event` in `step` and into the regime that follows it.
+    fn pass(&mut self, plant: &Plant, drive: &Drive, step: &Step<N>, fraction: f64, event: Event) {
+        self.time_s += fraction * step.length_s;
+        self.state = step.interpolate(fraction);
+        match event {
+            Event::Motion => self.change_motion(plant),
+            Event::Flow => self.change_flow(plant, drive),
+        }
+        self.work.events += 1;
     }
 
     /// What ends the regime first in `step`, and where, as a fraction of it.
@@ -500,6 +505,17 @@ impl<const N: usize> Trajectory<N> {
             })
             .1
         })
+    }
+
+    /// A step in the present regime.
+    #[inline(always)]
+    fn trial(&self, plant: &Plant, drive: &Drive, rates: &[f64; N], length_s: f64) -> Step<N> {
+        if self.sliding {
+            return self.sliding_step(plant, drive, rates, length_s);
+        }
+        let regime = self.regime;
+        let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
+        Step::take(f, self.time_s, &self.state, rates, length_s)
     }
 
     /// A step along the flow's reversal.
