@@ -1,6 +1,6 @@
 //! The rig: one muscle, its load, valve, air and lever, as `rig.toml` states them.
 
-use crate::effects::{self, EffectKind};
+use crate::effects::{self, EffectKind, Form};
 use crate::error::BadInput;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
@@ -71,8 +71,25 @@ pub struct Tolerance {
 pub struct Effect {
     /// Which one.
     pub kind: &'static EffectKind,
-    /// The values of its parameters, in the catalogue's order.
+    /// Which of its forms.
+    pub form: &'static Form,
+    /// The values of the form's parameters, in the catalogue's order.
     pub values: Vec<f64>,
+}
+
+impl Effect {
+    /// The effect as a section of `rig.toml`, which reads back to the same values.
+    pub fn to_toml(&self) -> String {
+        let mut text = format!("[[effect]]\nname = \"{}\"\n", self.kind.name);
+        // The first form needs no name.
+        if self.form.name != self.kind.forms[0].name {
+            text += &format!("form = \"{}\"\n", self.form.name);
+        }
+        for (parameter, value) in self.form.parameters.iter().zip(&self.values) {
+            text += &format!("{} = {value:?}\n", parameter.name);
+        }
+        text
+    }
 }
 
 /// One rig. Sections that a use does not need may be absent.
@@ -436,6 +453,9 @@ impl<'a> File<'a> {
                 lines.extend(section.line.map(|line| (section.name.clone(), line)));
             }
         }
+        let tables = root.table.get("effect").and_then(Item::as_array_of_tables);
+        let first = tables.and_then(|tables| tables.get(0)?.span());
+        lines.extend(first.map(|span| ("effect".into(), line_of(self.text, span.start))));
         let (muscle, volume) = muscle(&required("muscle")?)?;
         Ok(Rig {
             file: self.name.into(),
@@ -571,40 +591,50 @@ fn all_effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
         let expected = format!("sections in double brackets, found {}", kind_of(item));
         return Err(root.bad("effect", expected));
     };
-    let mut effects = Vec::new();
-    for table in tables {
-        let section = Section {
-            file: root.file,
-            name: "effect".into(),
-            table,
-            line: table.span().map(|span| line_of(root.file.text, span.start)),
-        };
-        let name = section.word("name")?;
-        let Some(kind) = effects::find(name) else {
-            let known: Vec<_> = effects::CATALOGUE.iter().map(|kind| kind.name).collect();
-            let expected = format!("one of {}, found \"{name}\"", known.join(", "));
-            return Err(section.bad("name", expected));
-        };
-        let keys: Vec<_> = kind
-            .parameters
-            .iter()
-            .map(|parameter| parameter.name)
-            .collect();
-        section.only(&[&["name"], keys.as_slice()].concat())?;
-        let mut values = Vec::new();
-        for parameter in kind.parameters {
-            let value = section.optional(parameter.name, parameter.min, parameter.max)?;
-            let missing = || {
-                section.bad(
-                    parameter.name,
-                    format!("a number [{}], found no such key", parameter.unit),
-                )
-            };
-            values.push(value.ok_or_else(missing)?);
+    let tables = tables.iter();
+    tables
+        .map(|table| {
+            effect(&Section {
+                file: root.file,
+                name: "effect".into(),
+                table,
+                line: table.span().map(|span| line_of(root.file.text, span.start)),
+            })
+        })
+        .collect()
+}
+
+fn effect(section: &Section) -> Result<Effect, BadInput> {
+    let name = section.word("name")?;
+    let Some(kind) = effects::find(name) else {
+        let known: Vec<_> = effects::CATALOGUE.iter().map(|kind| kind.name).collect();
+        let expected = format!("one of {}, found \"{name}\"", known.join(", "));
+        return Err(section.bad("name", expected));
+    };
+    let form = match section.table.contains_key("form") {
+        false => &kind.forms[0],
+        true => {
+            let name = section.word("form")?;
+            kind.form(name).ok_or_else(|| {
+                let known: Vec<_> = kind.forms.iter().map(|form| form.name).collect();
+                let expected = format!("one of {}, found \"{name}\"", known.join(", "));
+                section.bad("form", expected)
+            })?
         }
-        effects.push(Effect { kind, values });
+    };
+    let parameters = form.parameters.iter();
+    let keys: Vec<_> = parameters.map(|parameter| parameter.name).collect();
+    section.only(&[&["name", "form"], keys.as_slice()].concat())?;
+    let mut values = Vec::new();
+    for parameter in form.parameters {
+        let value = section.optional(parameter.name, parameter.min, parameter.max)?;
+        let missing = || {
+            let expected = format!("a number [{}], found no such key", parameter.unit);
+            section.bad(parameter.name, expected)
+        };
+        values.push(value.ok_or_else(missing)?);
     }
-    Ok(effects)
+    Ok(Effect { kind, form, values })
 }
 
 #[cfg(test)]

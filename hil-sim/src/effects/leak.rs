@@ -1,38 +1,67 @@
 //! `leak`: air escapes from the muscle to the surroundings.
 
-use super::{EffectKind, Parameter};
+use super::orifice::Orifice;
+use super::{EffectKind, Form, Parameter};
 use crate::plant::Term;
 use crate::plant::gas::{Exchange, GasPoint, GasTerm};
 use crate::plant::term::Dynamics;
 
+const CONDUCTANCE: Parameter =
+    Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (0.0, 1e-6), 4e-9).neutral(0.0);
+
 pub(super) const KIND: EffectKind = EffectKind {
     name: "leak",
     block: "gas",
-    parameters: &[Parameter {
-        name: "conductance_kg_per_pa_s",
-        unit: "kg/(Pa·s)",
-        min: 0.0,
-        max: 1e-6,
-    }],
     mark: "The pressure settles below its reference in proportion to itself, and falls with the \
            valve shut.",
-    source: "Laminar leak, flow in proportion to the gauge pressure. Leaves out choking.",
-    build: |values| {
-        Term::Gas(Box::new(Leak {
-            conductance_kg_per_pa_s: values[0],
-        }))
-    },
+    forms: &[
+        Form {
+            name: "linear",
+            parameters: &[CONDUCTANCE],
+            source: "Laminar leak, flow in proportion to the gauge pressure. Leaves out choking.",
+            build: |values| {
+                Term::Gas(Box::new(Linear {
+                    conductance_kg_per_pa_s: values[0],
+                }))
+            },
+        },
+        Form {
+            name: "orifice",
+            parameters: &[CONDUCTANCE],
+            source: "A hole by ISO 6358-1, with the sonic conductance as mass flow over absolute \
+                     pressure and a critical ratio of 0.5. Leaves out temperature.",
+            build: |values| {
+                Term::Gas(Box::new(Hole(Orifice {
+                    conductance_kg_per_pa_s: values[0],
+                    critical_ratio: HOLE_CRITICAL_RATIO,
+                })))
+            },
+        },
+    ],
 };
 
-struct Leak {
+/// Critical ratio of a short hole, near that of a nozzle \[-\].
+const HOLE_CRITICAL_RATIO: f64 = 0.5;
+
+struct Linear {
     conductance_kg_per_pa_s: f64,
 }
 
-impl Dynamics<GasPoint> for Leak {}
+impl Dynamics<GasPoint> for Linear {}
 
-impl GasTerm for Leak {
+impl GasTerm for Linear {
     fn exchange(&self, at: &GasPoint, _: &[f64], exchange: &mut Exchange) {
         let gauge_pa = at.pressure.to_gauge(at.atmospheric).0;
         exchange.outflow_kg_per_s += self.conductance_kg_per_pa_s * gauge_pa.max(0.0);
+    }
+}
+
+struct Hole(Orifice);
+
+impl Dynamics<GasPoint> for Hole {}
+
+impl GasTerm for Hole {
+    fn exchange(&self, at: &GasPoint, _: &[f64], exchange: &mut Exchange) {
+        exchange.outflow_kg_per_s += self.0.flow_kg_per_s(at.pressure, at.atmospheric);
     }
 }

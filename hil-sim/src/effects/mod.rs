@@ -1,20 +1,40 @@
 //! The catalogue of effects that can be added to the plant, one file each.
 //!
-//! An effect is a term for one block of the plant with its parameters, the mark it leaves in data,
-//! and its sources. Adding one is a file here and its line in [`CATALOGUE`].
+//! An effect is what a rig does and the nominal model does not. It has a name, the block it belongs
+//! to, the mark it leaves in data, and one or more forms: equations that have been used for it,
+//! each a term for the plant with few parameters. Adding an effect is a file here and its line in
+//! [`CATALOGUE`]; adding a form is one entry in the effect's file.
+//!
+//! A measured rig follows none of the forms exactly: each says where it comes from and what it
+//! leaves out.
 
+mod backlash;
+mod bladder_elasticity;
+mod contraction_sensor_offset;
+mod creep;
 mod dead_band;
+mod flow_limit;
+mod friction;
+mod heat_exchange;
+mod hysteresis;
 mod leak;
+mod line_dynamics;
+mod orifice;
 mod payload;
+mod pressure_sensor_drift;
+mod pressure_sensor_gain;
 mod pressure_sensor_offset;
+mod run_in;
+mod slack;
 mod supply_droop;
 mod transport_delay;
+mod valve_dead_zone;
 mod valve_lag;
 
 use crate::plant::Term;
 
-/// One parameter of an effect, as it stands in `[[effect]]` of a rig.
-#[derive(Clone, Copy, Debug)]
+/// One parameter of a form, as it stands in `[[effect]]` of a rig.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Its key; the unit is part of it.
     pub name: &'static str,
@@ -24,6 +44,56 @@ pub struct Parameter {
     pub min: f64,
     /// Largest value inside physics.
     pub max: f64,
+    /// A usual size: where a fit starts, and the scale of its steps.
+    pub usual: f64,
+    /// It spans decades and is fitted by its logarithm; then `min` is above 0.
+    pub log: bool,
+    /// Its value in a rig without the effect. The effect vanishes where all parameters that have
+    /// such a value are at it; where none has, it does not vanish.
+    pub neutral: Option<f64>,
+}
+
+impl Parameter {
+    const fn new(
+        name: &'static str,
+        unit: &'static str,
+        (min, max): (f64, f64),
+        usual: f64,
+    ) -> Parameter {
+        Parameter {
+            name,
+            unit,
+            min,
+            max,
+            usual,
+            log: false,
+            neutral: None,
+        }
+    }
+
+    const fn log(self) -> Parameter {
+        Parameter { log: true, ..self }
+    }
+
+    const fn neutral(self, value: f64) -> Parameter {
+        Parameter {
+            neutral: Some(value),
+            ..self
+        }
+    }
+}
+
+/// One set of equations of an effect.
+#[derive(Clone, Copy, Debug)]
+pub struct Form {
+    /// Its name, unique within the effect.
+    pub name: &'static str,
+    /// Its parameters, all required.
+    pub parameters: &'static [Parameter],
+    /// Where it comes from, and what it leaves out.
+    pub source: &'static str,
+    /// Makes the term from the values of `parameters`, in their order.
+    pub build: fn(&[f64]) -> Term,
 }
 
 /// One kind of effect.
@@ -31,30 +101,58 @@ pub struct Parameter {
 pub struct EffectKind {
     /// Its name, as other programs know it.
     pub name: &'static str,
-    /// The block it is added to.
+    /// The block it belongs to.
     pub block: &'static str,
-    /// Its parameters, all required.
-    pub parameters: &'static [Parameter],
     /// The mark it leaves in data, in words.
     pub mark: &'static str,
-    /// Where its form comes from, and what that leaves out.
-    pub source: &'static str,
-    /// Makes the term from the values of `parameters`, in their order.
-    pub build: fn(&[f64]) -> Term,
+    /// Its forms; the first is the one meant where a rig names none.
+    pub forms: &'static [Form],
 }
 
-/// Every effect that a rig may name.
+impl EffectKind {
+    /// The form of that name.
+    pub fn form(&self, name: &str) -> Option<&'static Form> {
+        self.forms.iter().find(|form| form.name == name)
+    }
+}
+
+/// Every effect that a rig may name, block by block.
 pub const CATALOGUE: &[EffectKind] = &[
+    hysteresis::KIND,
+    creep::KIND,
     dead_band::KIND,
-    leak::KIND,
+    bladder_elasticity::KIND,
+    slack::KIND,
+    run_in::KIND,
+    friction::KIND,
     payload::KIND,
-    pressure_sensor_offset::KIND,
-    supply_droop::KIND,
-    transport_delay::KIND,
+    backlash::KIND,
+    valve_dead_zone::KIND,
+    flow_limit::KIND,
     valve_lag::KIND,
+    transport_delay::KIND,
+    line_dynamics::KIND,
+    leak::KIND,
+    heat_exchange::KIND,
+    supply_droop::KIND,
+    pressure_sensor_offset::KIND,
+    pressure_sensor_gain::KIND,
+    pressure_sensor_drift::KIND,
+    contraction_sensor_offset::KIND,
 ];
 
 /// The effect of that name, if the catalogue has it.
 pub fn find(name: &str) -> Option<&'static EffectKind> {
     CATALOGUE.iter().find(|kind| kind.name == name)
 }
+
+/// Pressure at which a force that grows with pressure has the size its parameter states \[Pa\].
+const REFERENCE_PRESSURE_PA: f64 = 3e5;
+/// Contraction at which a force that grows with it has the size its parameter states \[-\].
+const REFERENCE_CONTRACTION: f64 = 0.25;
+/// Unit of pressures in states \[Pa\].
+const STATE_PA: f64 = 1e5;
+/// Temperature of air outside the muscle \[K\].
+const AIR_TEMPERATURE_K: f64 = 293.0;
+/// What is faster than this is taken to follow at once \[s\].
+const INSTANT_S: f64 = 2e-5;

@@ -1,6 +1,6 @@
 //! `payload`: the mass is not the nominal one.
 
-use super::{EffectKind, Parameter};
+use super::{EffectKind, Form, Parameter};
 use crate::plant::Term;
 use crate::plant::load::{LoadPoint, LoadTerm};
 use crate::plant::term::Dynamics;
@@ -9,15 +9,13 @@ use crate::rig::Weight;
 pub(super) const KIND: EffectKind = EffectKind {
     name: "payload",
     block: "load",
-    parameters: &[Parameter {
-        name: "mass_kg",
-        unit: "kg",
-        min: -1e3,
-        max: 1e3,
-    }],
     mark: "Weight and inertia change together: the equilibrium and the natural frequency.",
-    source: "Eq 5 with another mass. Leaves out a payload that swings.",
-    build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
+    forms: &[Form {
+        name: "mass",
+        parameters: &[Parameter::new("mass_kg", "kg", (-1e3, 1e3), 1.0).neutral(0.0)],
+        source: "Eq 5 with another mass. Leaves out a payload that swings.",
+        build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
+    }],
 };
 
 /// The smallest mass that a payload may leave \[kg\], so that Eq 5 stays solvable.

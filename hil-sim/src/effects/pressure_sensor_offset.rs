@@ -1,6 +1,6 @@
 //! `pressure-sensor-offset`: the pressure sensor's zero is off.
 
-use super::{EffectKind, Parameter};
+use super::{EffectKind, Form, Parameter};
 use crate::plant::Term;
 use crate::plant::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::plant::term::Dynamics;
@@ -8,20 +8,18 @@ use crate::plant::term::Dynamics;
 pub(super) const KIND: EffectKind = EffectKind {
     name: "pressure-sensor-offset",
     block: "sensor",
-    parameters: &[Parameter {
-        name: "offset_pa",
-        unit: "Pa",
-        min: -1e5,
-        max: 1e5,
-    }],
     mark: "The reading disagrees with force and contraction, which stay with the true pressure, \
            by the same amount everywhere.",
-    source: "Reading = truth + offset. Leaves out gain and drift, which have their own names.",
-    build: |values| {
-        Term::Sensor(Box::new(PressureSensorOffset {
-            offset_pa: values[0],
-        }))
-    },
+    forms: &[Form {
+        name: "constant",
+        parameters: &[Parameter::new("offset_pa", "Pa", (-1e5, 1e5), 5e3).neutral(0.0)],
+        source: "Reading = truth + offset. Leaves out gain and drift, which have their own names.",
+        build: |values| {
+            Term::Sensor(Box::new(PressureSensorOffset {
+                offset_pa: values[0],
+            }))
+        },
+    }],
 };
 
 struct PressureSensorOffset {

@@ -1,64 +1,100 @@
 //! `supply-droop`: a small reservoir behind a restriction feeds the valve.
 
-use super::{EffectKind, Parameter};
+use super::orifice::Orifice;
+use super::{AIR_TEMPERATURE_K, EffectKind, Form, Parameter, STATE_PA};
 use crate::plant::Term;
 use crate::plant::gas::GAS_CONSTANT_J_PER_KG_K;
 use crate::plant::supply::{SupplyPoint, SupplyTerm};
 use crate::plant::term::Dynamics;
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
+
+/// A reservoir that nothing empties, to rounding \[m³\].
+const LARGE_M3: f64 = 1e9;
+
+const RESERVOIR_VOLUME_M3: Parameter =
+    Parameter::new("reservoir_volume_m3", "m³", (1e-6, LARGE_M3), 1e-3)
+        .log()
+        .neutral(LARGE_M3);
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "supply-droop",
     block: "supply",
-    parameters: &[
-        Parameter {
-            name: "reservoir_volume_m3",
-            unit: "m³",
-            min: 1e-6,
-            max: 10.0,
+    mark: "Upward steps near supply pressure run short after heavy use; downward ones do not.",
+    forms: &[
+        Form {
+            name: "linear",
+            parameters: &[
+                RESERVOIR_VOLUME_M3,
+                Parameter::new("recovery_time_s", "s", (1e-3, 1e3), 1.0).log(),
+            ],
+            source: "Isothermal reservoir, linear restriction towards the nominal supply. Leaves \
+                     out a regulator's own dynamics.",
+            build: |values| {
+                Term::Supply(Box::new(Reservoir {
+                    volume_m3: values[0],
+                    refill: Refill::Linear {
+                        recovery_time_s: values[1],
+                    },
+                }))
+            },
         },
-        Parameter {
-            name: "recovery_time_s",
-            unit: "s",
-            min: 1e-3,
-            max: 1e3,
+        Form {
+            name: "orifice",
+            parameters: &[
+                RESERVOIR_VOLUME_M3,
+                Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log(),
+            ],
+            source: "Isothermal reservoir that the nominal supply refills through an orifice by \
+                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
+                     a regulator's own dynamics.",
+            build: |values| {
+                Term::Supply(Box::new(Reservoir {
+                    volume_m3: values[0],
+                    refill: Refill::Orifice(Orifice {
+                        conductance_kg_per_pa_s: values[1],
+                        critical_ratio: 0.5,
+                    }),
+                }))
+            },
         },
     ],
-    mark: "Upward steps near supply pressure run short after heavy use; downward ones do not.",
-    source: "Isothermal reservoir, linear restriction towards the nominal supply. Leaves out a \
-             regulator's own dynamics.",
-    build: |values| {
-        Term::Supply(Box::new(SupplyDroop {
-            reservoir_volume_m3: values[0],
-            recovery_time_s: values[1],
-        }))
-    },
 };
 
-/// Temperature of the air in the reservoir \[K\].
-const RESERVOIR_TEMPERATURE_K: f64 = 293.0;
-/// Unit of the state, which is the droop \[Pa\].
-const DROOP_PA: f64 = 1e5;
-
-struct SupplyDroop {
-    reservoir_volume_m3: f64,
-    recovery_time_s: f64,
+/// What brings the reservoir back.
+enum Refill {
+    /// In proportion to the droop.
+    Linear { recovery_time_s: f64 },
+    /// What an orifice passes.
+    Orifice(Orifice),
 }
 
-impl Dynamics<SupplyPoint> for SupplyDroop {
+/// The state is the droop.
+struct Reservoir {
+    volume_m3: f64,
+    refill: Refill,
+}
+
+impl Dynamics<SupplyPoint> for Reservoir {
     fn states(&self) -> usize {
         1
     }
 
     fn rates(&self, at: &SupplyPoint, state: &[f64], rates: &mut [f64]) {
-        let drawn_pa_per_s = at.drawn_kg_per_s * GAS_CONSTANT_J_PER_KG_K * RESERVOIR_TEMPERATURE_K
-            / self.reservoir_volume_m3;
-        rates[0] = drawn_pa_per_s / DROOP_PA - state[0] / self.recovery_time_s;
+        let per_mass = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K / (self.volume_m3 * STATE_PA);
+        let refill_per_s = match &self.refill {
+            Refill::Linear { recovery_time_s } => state[0] / recovery_time_s,
+            Refill::Orifice(orifice) => {
+                let supply = AbsolutePa(at.nominal.0 + at.atmospheric.0);
+                let reservoir = AbsolutePa(supply.0 - state[0] * STATE_PA);
+                orifice.flow_kg_per_s(supply, reservoir) * per_mass
+            }
+        };
+        rates[0] = at.drawn_kg_per_s * per_mass - refill_per_s;
     }
 }
 
-impl SupplyTerm for SupplyDroop {
+impl SupplyTerm for Reservoir {
     fn pressure(&self, _: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64> {
-        GaugePa((supply.0 - state[0] * DROOP_PA).max(0.0))
+        GaugePa((supply.0 - state[0] * STATE_PA).max(0.0))
     }
 }

@@ -1,52 +1,105 @@
-//! `valve-lag`: the valve follows its reference with a first-order lag.
+//! `valve-lag`: the valve follows its reference with a lag.
 
-use super::{EffectKind, Parameter};
+use super::{EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
 use crate::plant::Term;
 use crate::plant::term::Dynamics;
 use crate::plant::valve::{ValvePoint, ValveTerm};
 use model_core::pressure::GaugePa;
 
+const TIME_CONSTANT_S: Parameter =
+    Parameter::new("time_constant_s", "s", (0.0, 2.0), 0.03).neutral(0.0);
+
 pub(super) const KIND: EffectKind = EffectKind {
     name: "valve-lag",
     block: "valve",
-    parameters: &[Parameter {
-        name: "time_constant_s",
-        unit: "s",
-        min: 1e-4,
-        max: 2.0,
-    }],
     mark: "Every change of the pressure is rounded by the same time constant, at any amplitude.",
-    source: "First-order lag of the reference. Leaves out a second-order spool.",
-    build: |values| {
-        Term::Valve(Box::new(ValveLag {
-            time_constant_s: values[0],
-        }))
-    },
+    forms: &[
+        Form {
+            name: "first-order",
+            parameters: &[TIME_CONSTANT_S],
+            source: "First-order lag of the reference; below 0.02 ms none. Leaves out a \
+                     second-order spool.",
+            build: |values| {
+                Term::Valve(Box::new(FirstOrder {
+                    time_constant_s: values[0],
+                }))
+            },
+        },
+        Form {
+            name: "second-order",
+            parameters: &[
+                TIME_CONSTANT_S,
+                Parameter::new("damping_ratio", "1", (0.1, 5.0), 0.7).log(),
+            ],
+            source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): a spool's mass on its \
+                     spring; below 0.02 ms none. Leaves out its limits of travel and speed.",
+            build: |values| {
+                Term::Valve(Box::new(SecondOrder {
+                    time_constant_s: values[0],
+                    damping_ratio: values[1],
+                }))
+            },
+        },
+    ],
 };
 
-/// Unit of the state, which is the lagging reference \[Pa\].
-const REFERENCE_PA: f64 = 1e5;
-
-struct ValveLag {
+/// The state is the lagging reference.
+struct FirstOrder {
     time_constant_s: f64,
 }
 
-impl Dynamics<ValvePoint> for ValveLag {
+impl Dynamics<ValvePoint> for FirstOrder {
     fn states(&self) -> usize {
-        1
+        usize::from(self.time_constant_s >= INSTANT_S)
     }
 
     fn settle(&self, at: &ValvePoint, state: &mut [f64]) {
-        state[0] = at.reference.0 / REFERENCE_PA;
+        state[0] = at.reference.0 / STATE_PA;
     }
 
     fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
-        rates[0] = (at.reference.0 / REFERENCE_PA - state[0]) / self.time_constant_s;
+        rates[0] = (at.reference.0 / STATE_PA - state[0]) / self.time_constant_s;
     }
 }
 
-impl ValveTerm for ValveLag {
-    fn reference(&self, _: &ValvePoint, state: &[f64], _: GaugePa<f64>) -> GaugePa<f64> {
-        GaugePa(state[0] * REFERENCE_PA)
+impl ValveTerm for FirstOrder {
+    fn reference(&self, _: &ValvePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .first()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
+    }
+}
+
+/// The states are the lagging reference and its rate times the time constant.
+struct SecondOrder {
+    time_constant_s: f64,
+    damping_ratio: f64,
+}
+
+impl Dynamics<ValvePoint> for SecondOrder {
+    fn states(&self) -> usize {
+        if self.time_constant_s >= INSTANT_S {
+            2
+        } else {
+            0
+        }
+    }
+
+    fn settle(&self, at: &ValvePoint, state: &mut [f64]) {
+        state.copy_from_slice(&[at.reference.0 / STATE_PA, 0.0]);
+    }
+
+    fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
+        let pull = at.reference.0 / STATE_PA - state[0] - 2.0 * self.damping_ratio * state[1];
+        rates[0] = state[1] / self.time_constant_s;
+        rates[1] = pull / self.time_constant_s;
+    }
+}
+
+impl ValveTerm for SecondOrder {
+    fn reference(&self, _: &ValvePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .first()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
     }
 }

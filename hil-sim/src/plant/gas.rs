@@ -30,6 +30,11 @@ pub struct GasPoint {
     pub atmospheric: AbsolutePa<f64>,
     /// Gas temperature \[K\].
     pub temperature_k: f64,
+    /// Nominal heat transfer coefficient h of the present regime \[W/(m²·K)\]. It jumps with the
+    /// flow's sign, so whoever integrates changes it between steps.
+    pub heat_transfer_w_per_m2_k: f64,
+    /// Ambient temperature \[K\].
+    pub ambient_temperature_k: f64,
 }
 
 /// What crosses the muscle's wall and port.
@@ -41,6 +46,8 @@ pub struct Exchange {
     pub outflow_kg_per_s: f64,
     /// Heat transfer coefficient h \[W/(m²·K)\].
     pub heat_transfer_w_per_m2_k: f64,
+    /// Temperature of the wall that takes the heat \[K\]; the ambient one in the nominal muscle.
+    pub wall_temperature_k: f64,
 }
 
 /// A term of the gas block: changes what is exchanged (a leak, a heat store).
@@ -75,39 +82,46 @@ impl GasBlock {
         2.0 * (core::f64::consts::PI * volume_m3 * length_m).sqrt()
     }
 
-    /// What the nominal muscle exchanges when `flow_kg_per_s` comes from the line (out of the
-    /// muscle if negative), with the terms' changes. `charging` says which heat transfer holds: it
-    /// jumps with the flow's sign, so whoever integrates changes it between steps.
+    /// Nominal heat transfer coefficient \[W/(m²·K)\].
     #[inline]
-    pub fn exchange(
-        &self,
-        at: &GasPoint,
-        flow_kg_per_s: f64,
-        charging: bool,
-        state: &[f64],
-    ) -> Exchange {
-        let heat_transfer_w_per_m2_k = if charging {
+    pub fn heat_transfer_w_per_m2_k(&self, charging: bool) -> f64 {
+        if charging {
             self.gas.heat_transfer_charging_w_per_m2_k
         } else {
             self.gas.heat_transfer_discharging_w_per_m2_k
-        };
-        let exchange = Exchange {
+        }
+    }
+
+    /// What the nominal muscle exchanges when `flow_kg_per_s` comes from the line (out of the
+    /// muscle if negative), with the terms' changes.
+    #[inline]
+    pub fn exchange(&self, at: &GasPoint, flow_kg_per_s: f64, state: &[f64]) -> Exchange {
+        let mut exchange = Exchange {
             inflow_kg_per_s: flow_kg_per_s.max(0.0),
             outflow_kg_per_s: (-flow_kg_per_s).max(0.0),
-            heat_transfer_w_per_m2_k,
+            heat_transfer_w_per_m2_k: at.heat_transfer_w_per_m2_k,
+            wall_temperature_k: self.gas.ambient_temperature_k,
         };
-        self.terms
-            .change(at, state, exchange, |term, at, own, mut exchange| {
-                term.exchange(at, own, &mut exchange);
-                exchange
-            })
+        if !self.terms.is_empty() {
+            exchange = self.with_terms(*at, state, exchange);
+        }
+        exchange
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: GasPoint, state: &[f64], mut exchange: Exchange) -> Exchange {
+        for (term, own) in self.terms.iter(state) {
+            term.exchange(&at, own, &mut exchange);
+        }
+        exchange
     }
 
     /// Rates of absolute pressure \[Pa/s\] and temperature \[K/s\], Eqs 3 and 4 solved for them.
     ///
     /// Eq 4 (energy, with the signs of the errata) reads d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ)
-    /// − P V̇ + h S_h(θ_a − θ). With W = PV/(Rθ) its left side is (C_v/R)(V Ṗ + P V̇), which gives
-    /// Ṗ; then P V̇ + V Ṗ = G R θ + W R θ̇ (Eq 3) gives θ̇. Valid for V > 0, P > 0, θ > 0.
+    /// − P V̇ + h S_h(θ_w − θ), the wall at θ_w = θ_a where no term has warmed it. With W = PV/(Rθ)
+    /// its left side is (C_v/R)(V Ṗ + P V̇), which gives Ṗ; then P V̇ + V Ṗ = G R θ + W R θ̇ (Eq 3)
+    /// gives θ̇. Valid for V > 0, P > 0, θ > 0.
     #[inline]
     pub fn rates(
         &self,
@@ -124,7 +138,9 @@ impl GasBlock {
 
         let enthalpy_w =
             CP * (exchange.inflow_kg_per_s * ambient_k - exchange.outflow_kg_per_s * temperature_k);
-        let heat_w = exchange.heat_transfer_w_per_m2_k * area_m2 * (ambient_k - temperature_k);
+        let heat_w = exchange.heat_transfer_w_per_m2_k
+            * area_m2
+            * (exchange.wall_temperature_k - temperature_k);
         let work_w = pressure_pa * volume_rate_m3_per_s;
         // V Ṗ and P V̇ are powers: one division serves both rates.
         let charging_w = (R / CV) * (enthalpy_w - work_w + heat_w) - work_w;

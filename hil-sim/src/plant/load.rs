@@ -15,6 +15,12 @@ pub struct LoadPoint {
     pub contraction: f64,
     /// Contraction rate \[1/s\].
     pub contraction_rate_per_s: f64,
+    /// Where the motion goes in the present regime: 1 contracting, −1 paying out, 0 at rest. A step
+    /// may reach past a reversal that is then located; rates that take their sign from here and not
+    /// from the speed stay smooth there. Zero except where [`Dynamics::rates`] asks.
+    pub direction: f64,
+    /// L \[m\].
+    pub initial_length_m: f64,
 }
 
 /// A term of the load block.
@@ -48,13 +54,19 @@ impl LoadBlock {
     /// The constants in force, and the external force that lifts \[N\].
     #[inline]
     fn constants(&self, at: &LoadPoint, state: &[f64]) -> (Weight, f64) {
-        let nominal = (self.weight, 0.0);
-        self.terms
-            .change(at, state, nominal, |term, at, own, constants| {
-                let (mut weight, mut force_n) = constants;
-                term.change(at, own, &mut weight, &mut force_n);
-                (weight, force_n)
-            })
+        if self.terms.is_empty() {
+            return (self.weight, 0.0);
+        }
+        self.with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: LoadPoint, state: &[f64]) -> (Weight, f64) {
+        let (mut weight, mut force_n) = (self.weight, 0.0);
+        for (term, own) in self.terms.iter(state) {
+            term.change(&at, own, &mut weight, &mut force_n);
+        }
+        (weight, force_n)
     }
 
     /// ε̈ \[1/s²\] while moving, Eq 5: M L ε̈ = F − L C ε̇ − M g ∓ F_c, friction against

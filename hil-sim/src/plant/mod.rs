@@ -6,9 +6,11 @@
 //!                      supply                          sensors read P, ε, F
 //! ```
 //!
-//! A block is its nominal equation and a list of terms, the effects that were added to it. Each
-//! block runs alone when what it needs is measured: without a load the contraction is an input,
-//! without pneumatics the pressure is ([`Simulated`]). Pressures in the state are absolute.
+//! A block is its nominal equation and a list of terms, the effects that were added to it. Terms
+//! are called out of line, with a copy of what they see, so that the nominal plant keeps all of it
+//! in registers. Each block runs alone when what it needs is measured: without a load the
+//! contraction is an input, without pneumatics the pressure is ([`Simulated`]). Pressures in the
+//! state are absolute.
 
 pub mod gas;
 pub mod integrate;
@@ -43,6 +45,13 @@ pub const PRESSURE: usize = 2;
 pub const TEMPERATURE: usize = 3;
 /// How many states the nominal plant has; those of effects follow.
 pub const NOMINAL_STATES: usize = 4;
+/// How many states a plant with effects may have.
+pub const STATES_MAX: usize = 40;
+
+/// Time over which the rate of the flow is looked at \[s\].
+const FLOW_SLOPE_S: f64 = 1e-6;
+/// Halvings in which a memory is found that holds the weight.
+const LEAN_HALVINGS: u32 = 40;
 
 /// Which part of the rig is simulated; the rest is measured and comes in with the [`Drive`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,12 +177,15 @@ impl Pneumatics {
         time_s: f64,
         drive: &Drive,
         atmospheric: AbsolutePa<f64>,
+        charging: bool,
         state: &[f64],
     ) -> PneumaticSignals {
         let pressure = AbsolutePa(state[PRESSURE]);
         let mut supply = SupplyPoint {
             time_s,
             drawn_kg_per_s: 0.0,
+            nominal: self.supply.nominal,
+            atmospheric,
         };
         let supply_pressure = match drive.supply {
             None => self.supply.pressure(&supply, state),
@@ -182,6 +194,8 @@ impl Pneumatics {
         let mut line = LinePoint {
             time_s,
             muscle: pressure.to_gauge(atmospheric),
+            atmospheric,
+            volume_m3: self.gas.volume.volume_m3(state[CONTRACTION]),
             valve_flow_kg_per_s: 0.0,
         };
         let valve = ValvePoint {
@@ -189,6 +203,7 @@ impl Pneumatics {
             reference: drive.reference,
             port: self.line.port(&line, state),
             supply: supply_pressure,
+            atmospheric,
         };
         line.valve_flow_kg_per_s = self.valve.flow_kg_per_s(&valve, state);
         supply.drawn_kg_per_s = line.valve_flow_kg_per_s.max(0.0);
@@ -197,6 +212,8 @@ impl Pneumatics {
             pressure,
             atmospheric,
             temperature_k: state[TEMPERATURE],
+            heat_transfer_w_per_m2_k: self.gas.heat_transfer_w_per_m2_k(charging),
+            ambient_temperature_k: self.gas.gas.ambient_temperature_k,
         };
         let flow_kg_per_s = self.line.flow_kg_per_s(&line, state);
         PneumaticSignals {
@@ -214,7 +231,7 @@ impl Plant {
     /// rests.
     ///
     /// # Errors
-    /// A section of the rig is needed and missing.
+    /// A section of the rig is needed and missing, or its effects have too many states.
     pub fn new(rig: &Rig, simulated: Simulated) -> Result<Plant, BadInput> {
         let initial_length_m = rig.muscle.initial_length_m;
         let pneumatics = if simulated.pressure {
@@ -255,13 +272,22 @@ impl Plant {
             },
             load,
             pneumatics,
-            sensors: SensorBlock::default(),
+            sensors: SensorBlock {
+                initial_length_m,
+                terms: Terms::default(),
+            },
             atmospheric: gas.atmospheric_pressure,
             ambient_temperature_k: gas.ambient_temperature_k,
             states: NOMINAL_STATES,
         };
         for effect in &rig.effects {
-            plant.add((effect.kind.build)(&effect.values));
+            plant.add((effect.form.build)(&effect.values));
+        }
+        if plant.states > STATES_MAX {
+            let most = STATES_MAX - NOMINAL_STATES;
+            let found = plant.states - NOMINAL_STATES;
+            let expected = format!("effects with at most {most} states together, found {found}");
+            return Err(rig.bad("effect", &expected));
         }
         Ok(plant)
     }
@@ -282,6 +308,10 @@ impl Plant {
             (Term::Line(term), Some(part), _) => part.line.terms.push(term, first),
             (Term::Gas(term), Some(part), _) => part.gas.terms.push(term, first),
             (Term::Supply(term), Some(part), _) => part.supply.terms.push(term, first),
+            (Term::Line(term), None, _) => match term.with_measured_pressure() {
+                Some(term) => self.muscle.terms.push(term, first),
+                None => 0,
+            },
             _ => 0,
         };
         self.states += states;
@@ -293,6 +323,7 @@ impl Plant {
             time_s,
             contraction: state[CONTRACTION],
             contraction_rate_per_s: state[CONTRACTION_RATE],
+            direction: 0.0,
             pressure: AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric),
         }
     }
@@ -303,6 +334,8 @@ impl Plant {
             time_s,
             contraction: state[CONTRACTION],
             contraction_rate_per_s: state[CONTRACTION_RATE],
+            direction: 0.0,
+            initial_length_m: self.muscle.law.initial_length_m,
         }
     }
 
@@ -324,7 +357,7 @@ impl Plant {
     #[inline]
     pub fn flow_kg_per_s(&self, time_s: f64, drive: &Drive, state: &[f64]) -> f64 {
         self.pneumatics.as_ref().map_or(0.0, |pneumatics| {
-            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            let signals = pneumatics.signals(time_s, drive, self.atmospheric, false, state);
             signals.flow_kg_per_s
         })
     }
@@ -351,10 +384,10 @@ impl Plant {
             rates[CONTRACTION] = drive.contraction_rate_per_s;
         }
         if let Some(pneumatics) = &self.pneumatics {
-            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            let signals =
+                pneumatics.signals(time_s, drive, self.atmospheric, regime.charging, state);
             let gas = &pneumatics.gas;
-            let exchange =
-                gas.exchange(&signals.gas, signals.flow_kg_per_s, regime.charging, state);
+            let exchange = gas.exchange(&signals.gas, signals.flow_kg_per_s, state);
             let (contraction, rate) = (state[CONTRACTION], state[CONTRACTION_RATE]);
             let (pressure_rate, temperature_rate) =
                 gas.rates(&signals.gas, contraction, rate, &exchange);
@@ -367,21 +400,64 @@ impl Plant {
             rates[PRESSURE] = drive.pressure_rate_pa_per_s;
         }
         if N > NOMINAL_STATES {
-            self.term_rates(time_s, state, &mut rates);
+            let direction = match (&self.load, regime.motion) {
+                (None, _) if drive.contraction_rate_per_s == 0.0 => 0.0,
+                (None, _) => drive.contraction_rate_per_s.signum(),
+                (Some(_), Motion::Stuck) => 0.0,
+                (Some(_), Motion::Rising) => 1.0,
+                (Some(_), Motion::Falling) => -1.0,
+            };
+            self.term_rates(time_s, direction, state, &mut rates);
         }
         rates
     }
 
+    /// At the flow's reversal, where heat transfer jumps: the share of charging that keeps the flow
+    /// there, and the rates with that share. Where it lies in (0, 1) the flow cannot leave, as
+    /// either sign would turn it back (the sliding solution of Filippov); else it is 0 or less
+    /// where the flow leaves outward and 1 or more where it leaves inward.
+    #[cold]
+    pub(crate) fn at_reversal<const N: usize>(
+        &self,
+        time_s: f64,
+        drive: &Drive,
+        regime: Regime,
+        state: &[f64; N],
+    ) -> (f64, [f64; N]) {
+        let both = [false, true].map(|charging| {
+            let regime = Regime { charging, ..regime };
+            self.rates(time_s, drive, regime, state)
+        });
+        let flow_kg_per_s = self.flow_kg_per_s(time_s, drive, state);
+        let [discharging, charging] = both.map(|rates| {
+            let next: [f64; N] = core::array::from_fn(|i| state[i] + FLOW_SLOPE_S * rates[i]);
+            self.flow_kg_per_s(time_s + FLOW_SLOPE_S, drive, &next) - flow_kg_per_s
+        });
+        let share = if discharging > charging {
+            discharging / (discharging - charging)
+        } else if charging > 0.0 {
+            1.0
+        } else {
+            0.0
+        };
+        let rates = core::array::from_fn(|i| both[0][i] + share * (both[1][i] - both[0][i]));
+        (share, rates)
+    }
+
     /// Rates of the states that effects on muscle, load and sensors have.
-    fn term_rates(&self, time_s: f64, state: &[f64], rates: &mut [f64]) {
-        let muscle = self.muscle_point(time_s, state);
+    fn term_rates(&self, time_s: f64, direction: f64, state: &[f64], rates: &mut [f64]) {
+        let mut muscle = self.muscle_point(time_s, state);
+        muscle.direction = direction;
         self.muscle.terms.rates(&muscle, state, rates);
         if let Some(load) = &self.load {
-            let at = self.load_point(time_s, state);
+            let mut at = self.load_point(time_s, state);
+            at.direction = direction;
             load.terms.rates(&at, state, rates);
         }
-        let sensors = self.sensor_point(time_s, state);
-        self.sensors.terms.rates(&sensors, state, rates);
+        if !self.sensors.terms.is_empty() {
+            let sensors = self.sensor_point(time_s, state);
+            self.sensors.terms.rates(&sensors, state, rates);
+        }
     }
 
     /// Sets the states of all effects to what they are after a long rest in `state`.
@@ -389,6 +465,35 @@ impl Plant {
         // Twice: what a block sees depends on the settled states of those before it.
         self.update_terms(Update::Settle, time_s, drive, state);
         self.update_terms(Update::Settle, time_s, drive, state);
+        if state.len() > NOMINAL_STATES {
+            self.lean(time_s, drive, state);
+        }
+    }
+
+    /// Chooses among the memories that a rest may have left: one in which the weight does rest.
+    ///
+    /// Where a rate-independent memory stands is not seen in a single instant. A weight at rest
+    /// tells: its forces are in balance, to within static friction. One that pays out tells too.
+    fn lean(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
+        let Some(load) = &self.load else { return };
+        if state[CONTRACTION_RATE] < 0.0 {
+            self.update_terms(Update::Lean(-1.0), time_s, drive, state);
+        }
+        let held = self.breakaway_n(load, time_s, state).0 <= 0.0;
+        if held || state[CONTRACTION_RATE] != 0.0 {
+            return;
+        }
+        // The more the memory leans towards drawing in, the less the muscle pulls.
+        let (mut low, mut high) = (-1.0, 1.0);
+        for _ in 0..LEAN_HALVINGS {
+            let share = 0.5 * (low + high);
+            self.update_terms(Update::Lean(share), time_s, drive, state);
+            match self.breakaway_n(load, time_s, state) {
+                (excess_n, _) if excess_n <= 0.0 => return,
+                (_, Motion::Falling) => high = share,
+                (..) => low = share,
+            }
+        }
     }
 
     /// Settles the states of all terms, or renews their memory, from the supply to the sensors.
@@ -397,7 +502,7 @@ impl Plant {
             return;
         }
         if let Some(pneumatics) = &self.pneumatics {
-            let signals = pneumatics.signals(time_s, drive, self.atmospheric, state);
+            let signals = pneumatics.signals(time_s, drive, self.atmospheric, false, state);
             pneumatics.supply.terms.update(how, &signals.supply, state);
             pneumatics.line.terms.update(how, &signals.line, state);
             pneumatics.valve.terms.update(how, &signals.valve, state);
@@ -409,8 +514,10 @@ impl Plant {
             let at = self.load_point(time_s, state);
             load.terms.update(how, &at, state);
         }
-        let sensors = self.sensor_point(time_s, state);
-        self.sensors.terms.update(how, &sensors, state);
+        if !self.sensors.terms.is_empty() {
+            let sensors = self.sensor_point(time_s, state);
+            self.sensors.terms.update(how, &sensors, state);
+        }
     }
 
     fn sensor_point(&self, time_s: f64, state: &[f64]) -> SensorPoint {
@@ -421,13 +528,16 @@ impl Plant {
                 let at = LinePoint {
                     time_s,
                     muscle,
+                    atmospheric: self.atmospheric,
+                    volume_m3: pneumatics.gas.volume.volume_m3(state[CONTRACTION]),
                     valve_flow_kg_per_s: 0.0,
                 };
-                pneumatics.line.port(&at, state)
+                pneumatics.line.sensor(&at, state)
             }
         };
         SensorPoint {
             time_s,
+            initial_length_m: self.sensors.initial_length_m,
             truth: Reading {
                 pressure,
                 contraction: state[CONTRACTION],

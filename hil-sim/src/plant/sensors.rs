@@ -19,6 +19,8 @@ pub struct Reading {
 pub struct SensorPoint {
     /// Time \[s\].
     pub time_s: f64,
+    /// L \[m\].
+    pub initial_length_m: f64,
     /// The truth.
     pub truth: Reading,
 }
@@ -30,26 +32,41 @@ pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
 }
 
 /// The sensors.
-#[derive(Default)]
 pub struct SensorBlock {
+    /// L \[m\].
+    pub initial_length_m: f64,
     /// Added effects.
     pub terms: Terms<dyn SensorTerm>,
 }
 
 impl SensorBlock {
     /// The truth that the instruments read as `reading` at `time_s`: the inverse of
-    /// [`SensorBlock::read`], for sensors without dynamics whose gain is within a factor of two.
+    /// [`SensorBlock::read`], for sensors without dynamics whose gain is within a factor of two. A
+    /// term with memory (backlash) is taken to read true: one sample does not tell on which side of
+    /// its play it stands.
     pub fn truth(&self, time_s: f64, reading: Reading) -> Reading {
         let mut truth = reading;
-        if self.terms.is_empty() {
+        if self.terms.without_states().next().is_none() {
             return truth;
         }
         // Each pass removes the share of the error by which the gain differs from one.
         for _ in 0..60 {
-            let read = self.read(&SensorPoint { time_s, truth }, &[]);
+            let at = SensorPoint {
+                time_s,
+                initial_length_m: self.initial_length_m,
+                truth,
+            };
+            let mut read = truth;
+            for term in self.terms.without_states() {
+                term.read(&at, &[], &mut read);
+            }
+            let before = truth;
             truth.pressure.0 += reading.pressure.0 - read.pressure.0;
             truth.contraction += reading.contraction - read.contraction;
             truth.force_n += reading.force_n - read.force_n;
+            if truth == before {
+                break;
+            }
         }
         truth
     }

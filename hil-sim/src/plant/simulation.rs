@@ -9,7 +9,8 @@ use super::load::{LoadBlock, Motion};
 use super::sensors::Reading;
 use super::term::Update;
 use super::{
-    CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, TEMPERATURE,
+    CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, STATES_MAX,
+    TEMPERATURE,
 };
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::collections::VecDeque;
@@ -22,6 +23,8 @@ pub const TOLERANCE: f64 = 1e-5;
 const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
 /// Shortest step \[s\]: below it the equations have left physics.
 const STEP_S_MIN: f64 = 1e-11;
+/// Times that differ by less are the same: a delay of whole rows must not leave steps of rounding.
+const SAME_S: f64 = 1e-9;
 /// Changes of motion that one advance may see; physics needs a handful in 10 ms.
 const EVENTS_MAX: u32 = 10_000;
 /// The share of a step to which a change of motion is located: below 1e-15 s of 10 ms.
@@ -112,14 +115,16 @@ pub struct Simulation {
 /// The state, in an array that fits the plant: the nominal one is the fast one.
 enum Core {
     Nominal(Box<Trajectory<NOMINAL_STATES>>),
-    Some(Box<Trajectory<12>>),
-    Many(Box<Trajectory<40>>),
+    Few(Box<Trajectory<8>>),
+    Some(Box<Trajectory<16>>),
+    Many(Box<Trajectory<STATES_MAX>>),
 }
 
 macro_rules! each {
     ($core:expr, $trajectory:ident => $body:expr) => {
         match $core {
             Core::Nominal($trajectory) => $body,
+            Core::Few($trajectory) => $body,
             Core::Some($trajectory) => $body,
             Core::Many($trajectory) => $body,
         }
@@ -130,12 +135,13 @@ impl Simulation {
     /// `plant` at `initial`, its effects settled under `drive`.
     ///
     /// # Panics
-    /// If the effects together have more than 36 states, which no rig file can ask for.
+    /// If the effects together have more states than [`Plant::new`] admits.
     pub fn new(plant: Plant, initial: &Initial, drive: &Drive, tolerance: f64) -> Simulation {
         let core = match plant.states() {
             NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
-            5..=12 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
-            13..=40 => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
+            5..=8 => Core::Few(Trajectory::new(&plant, initial, drive, tolerance)),
+            9..=16 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
+            17..=STATES_MAX => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
             states => panic!("{states} states"),
         };
         let delay_s = plant.pneumatics.as_ref().map_or(0.0, |p| p.line.delay_s());
@@ -165,18 +171,22 @@ impl Simulation {
         }
         let mut drive = *drive;
         loop {
-            drive.reference = self.arrived;
+            let now_s = each!(core, trajectory => trajectory.time_s);
             let next = self.pending.front().copied();
-            let (stretch_s, arrival) = match next {
-                Some((arrival_s, reference)) if arrival_s < until_s => (arrival_s, Some(reference)),
-                _ => (until_s, None),
+            let stretch_s = match next {
+                Some((arrival_s, reference)) if arrival_s <= now_s + SAME_S => {
+                    self.arrived = reference;
+                    self.pending.pop_front();
+                    continue;
+                }
+                Some((arrival_s, _)) if arrival_s < until_s - SAME_S => arrival_s,
+                _ => until_s,
             };
+            drive.reference = self.arrived;
             each!(core, trajectory => trajectory.advance(plant, &drive, stretch_s))?;
-            match arrival {
-                None => return Ok(()),
-                Some(reference) => self.arrived = reference,
+            if stretch_s == until_s {
+                return Ok(());
             }
-            self.pending.pop_front();
         }
     }
 
@@ -258,6 +268,8 @@ struct Trajectory<const N: usize> {
     time_s: f64,
     state: [f64; N],
     regime: Regime,
+    /// The flow stays at its reversal: either sign's heat transfer would turn it back.
+    sliding: bool,
     /// Rates of the state, where they are known for the drive.
     rates: Option<(Drive, [f64; N])>,
     /// Per state: 1 over the error that is allowed.
@@ -300,6 +312,7 @@ impl<const N: usize> Trajectory<N> {
                 motion: Motion::Stuck,
                 charging: false,
             },
+            sliding: false,
             rates: None,
             per_error,
             flow_error_kg_per_s: flow_gain * tolerance * RANGES[PRESSURE],
@@ -352,6 +365,7 @@ impl<const N: usize> Trajectory<N> {
             _ => {
                 let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
                 self.regime.charging = flow > 0.0;
+                self.sliding = false;
                 self.step_s = self.step_s_after_jump;
                 self.work.evaluations += 1;
                 plant.rates(self.time_s, drive, self.regime, &self.state)
@@ -377,9 +391,7 @@ impl<const N: usize> Trajectory<N> {
                 (remaining_s / self.step_s).ceil()
             };
             let length_s = remaining_s / steps;
-            let regime = self.regime;
-            let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
-            let step = Step::take(f, self.time_s, &self.state, &rates, length_s);
+            let step = self.trial(plant, drive, &rates, length_s);
             self.work.evaluations += 6;
             let error = self.relative_error(&step);
             let fitting_s = length_s * growth(error);
@@ -409,15 +421,9 @@ impl<const N: usize> Trajectory<N> {
                     rates = step.rates[6];
                 }
                 Some((fraction, event)) => {
-                    self.time_s += fraction * length_s;
-                    self.state = step.interpolate(fraction);
-                    match event {
-                        Event::Motion => self.change_motion(plant),
-                        Event::Flow => self.regime.charging = !self.regime.charging,
-                    }
-                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
+                    self.pass(plant, drive, &step, fraction, event);
+                    rates = self.current_rates(plant, drive);
                     self.work.evaluations += 1;
-                    self.work.events += 1;
                     events += 1;
                     if events > EVENTS_MAX {
                         let time_s = self.time_s;
@@ -429,13 +435,24 @@ impl<const N: usize> Trajectory<N> {
                 let before = self.state;
                 plant.update_terms(Update::Commit, self.time_s, drive, &mut self.state);
                 if self.state != before {
-                    rates = plant.rates(self.time_s, drive, self.regime, &self.state);
+                    rates = self.current_rates(plant, drive);
                     self.work.evaluations += 1;
                 }
             }
         }
         self.rates = Some((*drive, rates));
         Ok(())
+    }
+
+    /// Goes to `event` in `step` and into the regime that follows it.
+    fn pass(&mut self, plant: &Plant, drive: &Drive, step: &Step<N>, fraction: f64, event: Event) {
+        self.time_s += fraction * step.length_s;
+        self.state = step.interpolate(fraction);
+        match event {
+            Event::Motion => self.change_motion(plant),
+            Event::Flow => self.change_flow(plant, drive),
+        }
+        self.work.events += 1;
     }
 
     /// What ends the regime first in `step`, and where, as a fraction of it.
@@ -458,6 +475,9 @@ impl<const N: usize> Trajectory<N> {
     #[inline]
     fn flow_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
         plant.pneumatics.as_ref()?;
+        if self.sliding {
+            return self.slide_end(plant, drive, step);
+        }
         let sign = if self.regime.charging { 1.0 } else { -1.0 };
         let margin = |fraction: f64, state: &[f64]| {
             let time_s = self.time_s + fraction * step.length_s;
@@ -469,6 +489,71 @@ impl<const N: usize> Trajectory<N> {
             })
             .1
         })
+    }
+
+    /// Where in `step` the flow leaves its reversal.
+    #[cold]
+    fn slide_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
+        let margin = |fraction: f64, state: &[f64; N]| {
+            let time_s = self.time_s + fraction * step.length_s;
+            let share = plant.at_reversal(time_s, drive, self.regime, state).0;
+            share.min(1.0 - share)
+        };
+        (margin(1.0, &step.end) < 0.0).then(|| {
+            bracket(1.0, FLOW_FRACTION, |fraction| {
+                margin(fraction, &step.interpolate(fraction))
+            })
+            .1
+        })
+    }
+
+    /// A step in the present regime.
+    #[inline(always)]
+    fn trial(&self, plant: &Plant, drive: &Drive, rates: &[f64; N], length_s: f64) -> Step<N> {
+        if self.sliding {
+            return self.sliding_step(plant, drive, rates, length_s);
+        }
+        let regime = self.regime;
+        let f = |time_s: f64, state: &[f64; N]| plant.rates(time_s, drive, regime, state);
+        Step::take(f, self.time_s, &self.state, rates, length_s)
+    }
+
+    /// A step along the flow's reversal.
+    #[cold]
+    fn sliding_step(
+        &self,
+        plant: &Plant,
+        drive: &Drive,
+        rates: &[f64; N],
+        length_s: f64,
+    ) -> Step<N> {
+        let f =
+            |time_s: f64, state: &[f64; N]| plant.at_reversal(time_s, drive, self.regime, state).1;
+        Step::take(f, self.time_s, &self.state, rates, length_s)
+    }
+
+    /// Rates after a change of the regime or the state.
+    fn current_rates(&self, plant: &Plant, drive: &Drive) -> [f64; N] {
+        if self.sliding {
+            plant
+                .at_reversal(self.time_s, drive, self.regime, &self.state)
+                .1
+        } else {
+            plant.rates(self.time_s, drive, self.regime, &self.state)
+        }
+    }
+
+    /// Brings a flow that is at its reversal to the other sign, or keeps it there: where charging
+    /// turns it outward and discharging inward it can have neither sign.
+    fn change_flow(&mut self, plant: &Plant, drive: &Drive) {
+        let (share, _) = plant.at_reversal(self.time_s, drive, self.regime, &self.state);
+        if self.sliding {
+            self.sliding = false;
+            self.regime.charging = share > 0.5;
+        } else {
+            self.regime.charging = !self.regime.charging;
+            self.sliding = share > 0.0 && share < 1.0;
+        }
     }
 
     /// Where in `step` the weight stops, meets the stop, or breaks away.

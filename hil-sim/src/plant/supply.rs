@@ -1,7 +1,7 @@
 //! The supply block: the pressure that feeds the valve.
 
 use super::term::{Dynamics, Terms};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 
 /// What a term of the supply block sees.
 #[derive(Clone, Copy, Debug)]
@@ -10,6 +10,10 @@ pub struct SupplyPoint {
     pub time_s: f64,
     /// Mass flow that the valve draws \[kg/s\], ≥ 0; zero where only the pressure is asked for.
     pub drawn_kg_per_s: f64,
+    /// Nominal supply pressure.
+    pub nominal: GaugePa<f64>,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
 }
 
 /// A term of the supply block.
@@ -31,9 +35,18 @@ impl SupplyBlock {
     /// Supply pressure at the valve.
     #[inline]
     pub fn pressure(&self, at: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
-        self.terms
-            .change(at, state, self.nominal, |term, at, own, supply| {
-                term.pressure(at, own, supply)
-            })
+        if self.terms.is_empty() {
+            return self.nominal;
+        }
+        self.with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn with_terms(&self, at: SupplyPoint, state: &[f64]) -> GaugePa<f64> {
+        let mut supply = self.nominal;
+        for (term, own) in self.terms.iter(state) {
+            supply = term.pressure(&at, own, supply);
+        }
+        supply
     }
 }

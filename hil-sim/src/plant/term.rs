@@ -16,6 +16,10 @@ pub trait Dynamics<Point> {
     /// Sets the states to what they are after a long rest at `at`.
     fn settle(&self, _at: &Point, _state: &mut [f64]) {}
 
+    /// Where the memory of a motion stays through a rest, sets it to what it is after one that
+    /// went, relative to its reach, by `share` contracting (to 1) or paying out (to −1).
+    fn lean(&self, _at: &Point, _share: f64, _state: &mut [f64]) {}
+
     /// Rates of the continuous states \[1/s\]; `rates` comes in zeroed.
     fn rates(&self, _at: &Point, _state: &[f64], _rates: &mut [f64]) {}
 
@@ -61,6 +65,17 @@ impl<T: ?Sized> Terms<T> {
         self.slots.is_empty()
     }
 
+    /// The terms.
+    pub fn all(&self) -> impl Iterator<Item = &T> {
+        self.slots.iter().map(|slot| &*slot.term)
+    }
+
+    /// The terms that have no states.
+    pub fn without_states(&self) -> impl Iterator<Item = &T> {
+        let slots = self.slots.iter().filter(|slot| slot.states == 0);
+        slots.map(|slot| &*slot.term)
+    }
+
     /// Each term with its own states.
     #[inline]
     pub fn iter<'a>(&'a self, state: &'a [f64]) -> impl Iterator<Item = (&'a T, &'a [f64])> {
@@ -72,38 +87,6 @@ impl<T: ?Sized> Terms<T> {
             };
             (&*slot.term, own)
         })
-    }
-
-    /// `nominal` as the terms change it, one after the other, at what the block sees.
-    // `at` goes by value into the slow path alone, so that a nominal block keeps it in registers.
-    #[inline]
-    pub fn change<Point: Copy, V>(
-        &self,
-        at: &Point,
-        state: &[f64],
-        nominal: V,
-        change: impl Fn(&T, &Point, &[f64], V) -> V,
-    ) -> V {
-        if self.slots.is_empty() {
-            nominal
-        } else {
-            self.change_each(*at, state, nominal, change)
-        }
-    }
-
-    #[inline(never)]
-    fn change_each<Point, V>(
-        &self,
-        at: Point,
-        state: &[f64],
-        nominal: V,
-        change: impl Fn(&T, &Point, &[f64], V) -> V,
-    ) -> V {
-        let mut value = nominal;
-        for (term, own) in self.iter(state) {
-            value = change(term, &at, own, value);
-        }
-        value
     }
 
     /// Writes the rates of the terms' states into their places of `rates`.
@@ -118,7 +101,7 @@ impl<T: ?Sized> Terms<T> {
         }
     }
 
-    /// Settles the terms' states, or renews their memory.
+    /// Settles the terms' states, leans them, or renews their memory.
     pub fn update<Point>(&self, how: Update, at: &Point, state: &mut [f64])
     where
         T: Dynamics<Point>,
@@ -127,6 +110,7 @@ impl<T: ?Sized> Terms<T> {
             let own = &mut state[slot.first..slot.first + slot.states];
             match how {
                 Update::Settle => slot.term.settle(at, own),
+                Update::Lean(share) => slot.term.lean(at, share, own),
                 Update::Commit => slot.term.commit(at, own),
             }
         }
@@ -134,10 +118,12 @@ impl<T: ?Sized> Terms<T> {
 }
 
 /// What is done to the states of all terms.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Update {
     /// [`Dynamics::settle`].
     Settle,
+    /// [`Dynamics::lean`], by this share.
+    Lean(f64),
     /// [`Dynamics::commit`].
     Commit,
 }

@@ -1,7 +1,7 @@
 //! The valve block (Eq 9).
 
 use super::term::{Dynamics, Terms};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::valve::mass_flow_kg_per_s;
 
 /// What a term of the valve block sees.
@@ -15,6 +15,8 @@ pub struct ValvePoint {
     pub port: GaugePa<f64>,
     /// Supply pressure.
     pub supply: GaugePa<f64>,
+    /// Pressure of the surrounding air.
+    pub atmospheric: AbsolutePa<f64>,
 }
 
 /// A term of the valve block.
@@ -44,14 +46,28 @@ impl ValveBlock {
     /// valve cannot fill above its supply nor draw below the atmosphere.
     #[inline]
     pub fn flow_kg_per_s(&self, at: &ValvePoint, state: &[f64]) -> f64 {
-        let terms = &self.terms;
-        let reference = terms.change(at, state, at.reference, |term, at, own, reference| {
-            term.reference(at, own, reference)
-        });
+        if self.terms.is_empty() {
+            return self.nominal_kg_per_s(at, at.reference);
+        }
+        self.with_terms_kg_per_s(*at, state)
+    }
+
+    #[inline]
+    fn nominal_kg_per_s(&self, at: &ValvePoint, reference: GaugePa<f64>) -> f64 {
         let limited = GaugePa(reference.0.min(at.supply.0).max(0.0));
-        let flow = mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port);
-        terms.change(at, state, flow, |term, at, own, flow| {
-            term.flow_kg_per_s(at, own, flow)
-        })
+        mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port)
+    }
+
+    #[inline(never)]
+    fn with_terms_kg_per_s(&self, at: ValvePoint, state: &[f64]) -> f64 {
+        let mut reference = at.reference;
+        for (term, own) in self.terms.iter(state) {
+            reference = term.reference(&at, own, reference);
+        }
+        let mut flow = self.nominal_kg_per_s(&at, reference);
+        for (term, own) in self.terms.iter(state) {
+            flow = term.flow_kg_per_s(&at, own, flow);
+        }
+        flow
     }
 }

@@ -1,0 +1,109 @@
+//! `creep`: the rubber takes time to take up its share of a new pressure or length.
+//!
+//! Each form is a sum of relaxations (standard linear solids): right after a change the muscle
+//! pulls less than Eq 1 says if it was upward, and comes to Eq 1 with time.
+
+use super::{EffectKind, Form, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA};
+use crate::plant::Term;
+use crate::plant::muscle::{MusclePoint, MuscleTerm};
+use crate::plant::term::Dynamics;
+use model_core::muscle::Muscle;
+
+const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 15.0).neutral(0.0);
+const TIME_CONSTANT_S: Parameter = Parameter::new("time_constant_s", "s", (0.05, 1e3), 5.0).log();
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "creep",
+    block: "muscle-force",
+    mark: "A slow drift after a step with the pressure held, of the step's sign, over 1 to 60 s.",
+    forms: &[
+        Form {
+            name: "relaxation",
+            parameters: &[FORCE_N, TIME_CONSTANT_S],
+            source: "One relaxation of the pressure, its size at a step of 300 kPa; Tondu 2012. \
+                     Leaves out the decades a rubber's relaxation spans.",
+            build: |values| pressure_driven(vec![(values[0], values[1])]),
+        },
+        Form {
+            name: "two-relaxations",
+            parameters: &[
+                FORCE_N,
+                Parameter::new("fast_time_constant_s", "s", (0.05, 1e3), 2.0).log(),
+                Parameter::new("slow_time_constant_s", "s", (0.05, 1e4), 20.0).log(),
+            ],
+            source: "Two relaxations of the pressure with equal shares of the size at a step of \
+                     300 kPa. Leaves out shares that differ.",
+            build: |values| {
+                let half_n = 0.5 * values[0];
+                pressure_driven(vec![(half_n, values[1]), (half_n, values[2])])
+            },
+        },
+        Form {
+            name: "logarithmic",
+            parameters: &[Parameter::new("force_per_decade_n", "N", (0.0, 1e3), 10.0).neutral(0.0)],
+            source: "Drift in proportion to the logarithm of time after a step of 300 kPa, as \
+                     rubber shows (Gent 1962), by relaxations a decade apart from 0.5 to 500 s. \
+                     Leaves out what is over before 0.2 s or begins after 1000 s.",
+            build: |values| {
+                let branches = LOGARITHMIC_TIME_CONSTANTS_S.map(|time_s| (values[0], time_s));
+                pressure_driven(branches.to_vec())
+            },
+        },
+        Form {
+            name: "strain-relaxation",
+            parameters: &[FORCE_N, TIME_CONSTANT_S],
+            source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener), its \
+                     size at a step of 0.25 in contraction. Leaves out what a step of the \
+                     pressure alone leaves behind.",
+            build: |values| {
+                Term::Muscle(Box::new(Relaxations {
+                    branches: vec![(values[0], values[1])],
+                    drive: |at| at.contraction / REFERENCE_CONTRACTION,
+                }))
+            },
+        },
+    ],
+};
+
+/// Time constants of the logarithmic form \[s\].
+const LOGARITHMIC_TIME_CONSTANTS_S: [f64; 4] = [0.5, 5.0, 50.0, 500.0];
+
+fn pressure_driven(branches: Vec<(f64, f64)>) -> Term {
+    Term::Muscle(Box::new(Relaxations {
+        branches,
+        drive: |at| at.pressure.0 / REFERENCE_PRESSURE_PA,
+    }))
+}
+
+/// The states follow the drive with the branches' time constants.
+struct Relaxations {
+    /// Size \[N\] at a drive of 1, and time constant \[s\].
+    branches: Vec<(f64, f64)>,
+    drive: fn(&MusclePoint) -> f64,
+}
+
+impl Dynamics<MusclePoint> for Relaxations {
+    fn states(&self) -> usize {
+        self.branches.len()
+    }
+
+    fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
+        state.fill((self.drive)(at));
+    }
+
+    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        let drive = (self.drive)(at);
+        for (i, (_, time_constant_s)) in self.branches.iter().enumerate() {
+            rates[i] = (drive - state[i]) / time_constant_s;
+        }
+    }
+}
+
+impl MuscleTerm for Relaxations {
+    fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        let drive = (self.drive)(at);
+        let branches = self.branches.iter().zip(state);
+        let missing_n = branches.map(|((size_n, _), state)| size_n * (drive - state));
+        force_n - missing_n.sum::<f64>()
+    }
+}

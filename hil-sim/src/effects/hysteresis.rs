@@ -1,0 +1,213 @@
+//! `hysteresis`: braid and bladder rub, so that the force depends on where the last reversal was.
+//!
+//! All forms are rate-independent and oppose the motion: the muscle pulls less while it contracts
+//! than while it pays out, in proportion to its pressure, which presses the threads together.
+
+use super::{EffectKind, Form, Parameter, REFERENCE_PRESSURE_PA};
+use crate::plant::Term;
+use crate::plant::muscle::{MusclePoint, MuscleTerm};
+use crate::plant::term::Dynamics;
+use model_core::muscle::Muscle;
+
+const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 20.0).neutral(0.0);
+const REACH: Parameter = Parameter::new("reach", "1", (1e-4, 0.5), 0.02).log();
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "hysteresis",
+    block: "muscle-force",
+    mark: "The force depends on the direction and on where the last reversal was, not on the \
+           speed; there are minor loops; the loop is wider at higher pressure.",
+    forms: &[
+        Form {
+            name: "maxwell-slip",
+            parameters: &[FORCE_N, REACH],
+            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, \
+                     thresholds spread evenly up to the reach, in proportion to pressure, half \
+                     the loop's width at 300 kPa as its size; Shin & Kogiso 2020, Tondu 2012. \
+                     Leaves out loops that are wider one way than the other.",
+            build: |values| {
+                Term::Muscle(Box::new(MaxwellSlip {
+                    force_n: values[0],
+                    reach: values[1],
+                }))
+            },
+        },
+        Form {
+            name: "bouc-wen",
+            parameters: &[
+                FORCE_N,
+                REACH,
+                Parameter::new("sharpness", "1", (1.0, 10.0), 2.0).log(),
+            ],
+            source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976), in proportion \
+                     to pressure. Leaves out closed minor loops: a small one drifts.",
+            build: |values| {
+                Term::Muscle(Box::new(BoucWen {
+                    force_n: values[0],
+                    reach: values[1],
+                    sharpness: values[2],
+                }))
+            },
+        },
+        Form {
+            name: "duhem",
+            parameters: &[
+                FORCE_N,
+                REACH,
+                Parameter::new("asymmetry", "1", (0.2, 5.0), 1.5).log(),
+            ],
+            source: "Duhem of first order (Dahl where the asymmetry is 1): the force approaches \
+                     its bound exponentially with the way, the bound and the way of paying out \
+                     larger by the asymmetry. Leaves out closed minor loops.",
+            build: |values| {
+                Term::Muscle(Box::new(Duhem {
+                    force_n: values[0],
+                    reach: values[1],
+                    asymmetry: values[2],
+                }))
+            },
+        },
+    ],
+};
+
+/// `force_n` less friction of relative size `share`, 1 when it opposes contracting in full.
+fn opposed(at: &MusclePoint, size_n: f64, share: f64, force_n: f64) -> f64 {
+    force_n - size_n * (at.pressure.0.max(0.0) / REFERENCE_PRESSURE_PA) * share
+}
+
+/// Elements of the sum: with fewer the corners between them show.
+const ELEMENTS: usize = 6;
+
+/// Each element is a spring in series with a slider. The states are the sliders' places.
+struct MaxwellSlip {
+    force_n: f64,
+    reach: f64,
+}
+
+impl MaxwellSlip {
+    /// How far the spring of each element can be stretched \[-\].
+    fn thresholds(&self) -> [f64; ELEMENTS] {
+        core::array::from_fn(|i| self.reach * (i as f64 + 0.5) / ELEMENTS as f64)
+    }
+}
+
+impl Dynamics<MusclePoint> for MaxwellSlip {
+    fn states(&self) -> usize {
+        ELEMENTS
+    }
+
+    // As if it had been drawn in from its full length.
+    fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+            *slider = at.contraction - at.contraction.clamp(-threshold, threshold);
+        }
+    }
+
+    fn lean(&self, at: &MusclePoint, share: f64, state: &mut [f64]) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+            *slider = at.contraction - share * threshold;
+        }
+    }
+
+    fn commit(&self, at: &MusclePoint, state: &mut [f64]) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+            *slider = slider.clamp(at.contraction - threshold, at.contraction + threshold);
+        }
+    }
+}
+
+impl MuscleTerm for MaxwellSlip {
+    fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        let elements = state.iter().zip(self.thresholds());
+        let stretch = elements
+            .map(|(slider, threshold)| ((at.contraction - slider) / threshold).clamp(-1.0, 1.0));
+        let share = stretch.sum::<f64>() / ELEMENTS as f64;
+        opposed(at, self.force_n, share, force_n)
+    }
+}
+
+/// dz = dε/reach · (1 − |z|ⁿ) while z grows, dε/reach while it shrinks.
+struct BoucWen {
+    force_n: f64,
+    reach: f64,
+    sharpness: f64,
+}
+
+impl BoucWen {
+    /// dz over dε/reach, in the direction of motion.
+    fn slope(&self, direction: f64, z: f64) -> f64 {
+        1.0 - (direction * z).max(0.0).powf(self.sharpness)
+    }
+}
+
+/// Steps in which the way from the full length is walked where it has no closed form.
+const SETTLE_STEPS: u32 = 500;
+
+impl Dynamics<MusclePoint> for BoucWen {
+    fn states(&self) -> usize {
+        1
+    }
+
+    // As if it had been drawn in from its full length.
+    fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
+        let step = at.contraction.max(0.0) / self.reach / f64::from(SETTLE_STEPS);
+        let mut z = 0.0;
+        for _ in 0..SETTLE_STEPS {
+            let middle = (z + 0.5 * step * self.slope(1.0, z)).min(1.0);
+            z = (z + step * self.slope(1.0, middle)).min(1.0);
+        }
+        state[0] = z;
+    }
+
+    fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
+        state[0] = share;
+    }
+
+    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        let slope = self.slope(at.direction, state[0]);
+        rates[0] = at.contraction_rate_per_s / self.reach * slope;
+    }
+}
+
+impl MuscleTerm for BoucWen {
+    fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        opposed(at, self.force_n, state[0], force_n)
+    }
+}
+
+/// dz = dε/reach · (1 − z) contracting, dε/reach · (1 + z/asymmetry) paying out.
+struct Duhem {
+    force_n: f64,
+    reach: f64,
+    asymmetry: f64,
+}
+
+impl Dynamics<MusclePoint> for Duhem {
+    fn states(&self) -> usize {
+        1
+    }
+
+    // As if it had been drawn in from its full length.
+    fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
+        state[0] = 1.0 - (-at.contraction.max(0.0) / self.reach).exp();
+    }
+
+    fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
+        state[0] = share * if share < 0.0 { self.asymmetry } else { 1.0 };
+    }
+
+    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        let left = if at.direction < 0.0 {
+            1.0 + state[0] / self.asymmetry
+        } else {
+            1.0 - state[0]
+        };
+        rates[0] = at.contraction_rate_per_s / self.reach * left;
+    }
+}
+
+impl MuscleTerm for Duhem {
+    fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        opposed(at, self.force_n, state[0], force_n)
+    }
+}
