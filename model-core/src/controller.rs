@@ -124,8 +124,7 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
         values.finger_force_n_max,
     );
     let reference_force_n = reference_force_n(values.gain, finger_force_n);
-    state.pressure_ref_pa =
-        next_reference_pa(settings, state, reference_force_n, contraction, ticks);
+    state.pressure_ref_pa = next_reference_pa(settings, state, reference_force_n, contraction);
     let pressure_ref = GaugePa(state.pressure_ref_pa);
     Output {
         valve: values.valve_drive.count(pressure_ref),
@@ -138,6 +137,12 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
         pressure: GaugePa(state.pressure.value()),
     }
 }
+
+/// Gauge pressure below which no sensor on a muscle can honestly read \[Pa\]: a valve does not draw
+/// below the atmosphere, a zero is off by a few percent of span at most.
+const PRESSURE_PA_MIN: f32 = -2e4;
+/// Travel below the stop, over the length, that no encoder that counts the right way can read \[-\].
+const TRAVEL_MIN: f32 = -0.02;
 
 /// What is thought of the bridge, the pressure sensor and the encoder.
 type Verdicts = [Verdict; 3];
@@ -166,7 +171,8 @@ fn sense(
         sensors.pressure,
         values.pressure_sensor.value(sensors.pressure),
     );
-    let pressure_bounds = bounds(count, values.pressure_step_pa_max);
+    let mut pressure_bounds = bounds(count, values.pressure_step_pa_max);
+    pressure_bounds.at_rail |= pressure_pa < PRESSURE_PA_MIN;
     let (pressure, pressure_verdict) =
         state
             .pressure
@@ -177,7 +183,7 @@ fn sense(
     let counted = state.encoder.moves(sensors.encoder.0);
     let at_stop = travel.unsigned_abs() <= FLICKER_COUNTS;
     let encoder_bounds = Bounds {
-        at_rail: false,
+        at_rail: travel_m < TRAVEL_MIN * values.muscle.initial_length_m,
         at_standstill: !counted && stands_still(values, state, pressure.value(), at_stop),
         step_max: values.encoder_step_m_max,
         stuck_ticks: 0,
@@ -262,6 +268,7 @@ fn findings(
         unready,
         mode_ticks: next.mode_ticks,
         window_ticks: next.window_ticks,
+        faulted: next.fault.is_some(),
         bridging: next.bridging,
     }
 }
@@ -296,20 +303,20 @@ fn enter(values: &SettingsValues, state: &mut State, mode: Mode) {
     state.pressure_ref_pa = limited_pa(values, state.pressure_ref_pa);
 }
 
-/// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and rate.
+/// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and in its change in one
+/// call: missed ticks are no reason to jump.
 fn next_reference_pa(
     settings: &Settings,
     state: &mut State,
     reference_force_n: f32,
     contraction: f32,
-    ticks: f32,
 ) -> f32 {
     let values = settings.values();
     let now_pa = state.pressure_ref_pa;
     let next_pa = match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
-        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S * ticks,
+        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S,
         Mode::Assisting => {
             let law = reference_pressure(
                 &values.muscle,
@@ -329,7 +336,7 @@ fn next_reference_pa(
                     .min(values.pressure_rate_pa_per_s_max)
             };
             let way_pa = target_pa - now_pa;
-            let step_pa = limited(way_pa, rate_pa_per_s * TICK_S * ticks);
+            let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == way_pa;
             now_pa + step_pa
         }

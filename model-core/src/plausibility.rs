@@ -24,6 +24,12 @@ pub enum Verdict {
     Failed(Doubt),
 }
 
+/// What an implausible reading adds to the strikes, of which a plausible one takes one away.
+const STRIKE: u8 = 5;
+/// So many strikes are a failure: a sensor that is wrong in one reading of six or more comes here, one
+/// that is wrong a few times in a second does not.
+const STRIKES_MAX: u8 = 50;
+
 /// One sensor's recent past.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Watch {
@@ -34,6 +40,8 @@ pub struct Watch {
     same_ticks: u16,
     /// Readings in a row that were not plausible.
     suspect_ticks: u8,
+    /// Rises with each reading that was not plausible, falls with each that was.
+    strikes: u8,
     /// A first reading has come.
     begun: bool,
 }
@@ -94,10 +102,12 @@ impl Watch {
         let Some(doubt) = doubt else {
             watch.value = value;
             watch.suspect_ticks = 0;
+            watch.strikes = self.strikes.saturating_sub(1);
             return (watch, Verdict::Good);
         };
         watch.suspect_ticks = self.suspect_ticks.saturating_add(1);
-        if watch.suspect_ticks >= bounds.suspect_ticks {
+        watch.strikes = self.strikes.saturating_add(STRIKE);
+        if watch.suspect_ticks >= bounds.suspect_ticks || watch.strikes >= STRIKES_MAX {
             (watch, Verdict::Failed(doubt))
         } else {
             (watch, Verdict::Suspect)

@@ -71,6 +71,8 @@ pub(crate) struct Findings {
     /// Ticks in this mode, and good ones in a row of the self-check.
     pub mode_ticks: u16,
     pub window_ticks: u16,
+    /// A fault is latched already.
+    pub faulted: bool,
     /// Holding only because a reading was suspect.
     pub bridging: bool,
 }
@@ -111,21 +113,20 @@ impl Findings {
 
 /// What follows from `findings` in `mode`.
 pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
-    if mode == Mode::Venting {
-        return from_venting(findings);
-    }
-    if let Some(fault) = findings.fault(values) {
-        return Decision::Fail(fault);
-    }
-    if findings.request == Request::Vent {
-        return Decision::Go(Mode::Venting);
+    if mode != Mode::Venting {
+        if let Some(fault) = findings.fault(values) {
+            return Decision::Fail(fault);
+        }
+        if findings.request == Request::Vent {
+            return Decision::Go(Mode::Venting);
+        }
     }
     match mode {
         Mode::SelfCheck => from_self_check(values, findings),
-        Mode::Ready => from_ready(findings),
+        Mode::Ready => from_ready(values, findings),
         Mode::Assisting => from_assisting(findings),
         Mode::Holding => from_holding(findings),
-        Mode::Venting => Decision::Stay,
+        Mode::Venting => from_venting(values, findings),
     }
 }
 
@@ -140,7 +141,11 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
     }
 }
 
-fn from_ready(findings: &Findings) -> Decision {
+/// Offers assistance to a muscle that is vented; one that fills unasked has a valve that is open.
+fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
+    if findings.pressure_pa > values.vented_pa {
+        return Decision::Fail(Fault::NotVented);
+    }
     match findings.request {
         Request::Assist if !findings.suspect() => Decision::Go(Mode::Assisting),
         _ => Decision::Stay,
@@ -159,8 +164,10 @@ fn from_assisting(findings: &Findings) -> Decision {
 
 /// A hold that was asked for ends when assistance is; one over a suspect reading ends with it.
 fn from_holding(findings: &Findings) -> Decision {
-    let resumes = findings.request == Request::Assist
-        || (findings.bridging && findings.request != Request::Hold);
+    if findings.bridging && findings.request == Request::Hold {
+        return Decision::Go(Mode::Holding);
+    }
+    let resumes = findings.request == Request::Assist || findings.bridging;
     if resumes && !findings.suspect() {
         Decision::Go(Mode::Assisting)
     } else {
@@ -168,7 +175,11 @@ fn from_holding(findings: &Findings) -> Decision {
     }
 }
 
-fn from_venting(findings: &Findings) -> Decision {
+/// Ends by a reset once vented. A fault on the way down of a vent that was asked for is latched.
+fn from_venting(values: &SettingsValues, findings: &Findings) -> Decision {
+    if let (false, Some(fault)) = (findings.faulted, findings.fault(values)) {
+        return Decision::Fail(fault);
+    }
     if findings.request == Request::Reset && findings.vented {
         Decision::Go(Mode::SelfCheck)
     } else {

@@ -196,7 +196,7 @@ fn broken_sensors_are_faults_with_their_reason() {
         ),
         (
             |sensors, _| sensors.encoder.0 ^= 1 << 20,
-            (Fault::Encoder(Doubt::Step), 3),
+            (Fault::Encoder(Doubt::Range), 3),
         ),
         // 50 equal readings, of which the third from then on is the failure.
         (
@@ -399,4 +399,95 @@ proptest! {
             last = output;
         }
     }
+}
+
+/// 2 MPa/s up and 200 kPa/s down at most (and a count of the pressure sensor, 214 Pa, where venting
+/// begins at what it reads), whatever was missed before.
+#[test]
+fn missed_ticks_are_no_reason_to_jump() {
+    for missed_ticks in [1, 2, 3, 255] {
+        let mut bench = Bench::assisting();
+        let before_pa = bench.tick().pressure_ref.0;
+        bench.pressure_pa = before_pa;
+        bench.finger_n = 15.0;
+        let sensors = Sensors {
+            missed_ticks,
+            ..bench.sensors()
+        };
+        let output = bench.tick_with(&sensors);
+        let step_pa = output.pressure_ref.0 - before_pa;
+        assert!(
+            (-2e3 - 214.0..=2e4 + 1.0).contains(&step_pa),
+            "{missed_ticks}: {step_pa}"
+        );
+    }
+}
+
+#[test]
+fn a_muscle_that_fills_unasked_is_a_fault() {
+    let mut bench = Bench::new();
+    bench.until(60, |output| output.mode == Mode::Ready);
+    bench.pressure_pa = 1e5;
+    let output = bench.until(20, |output| output.mode == Mode::Venting);
+    assert_eq!(output.fault, Some(Fault::NotVented));
+}
+
+#[test]
+fn readings_below_what_physics_allows_are_faults() {
+    let mut bench = Bench::assisting();
+    let mut fault = None;
+    for _ in 0..100 {
+        bench.contraction -= 2e-3;
+        fault = fault.or(bench.tick().fault);
+    }
+    assert_eq!(
+        fault,
+        Some(Fault::Encoder(Doubt::Range)),
+        "counts the wrong way"
+    );
+
+    let below = |sensors: &mut Sensors, _: u32| sensors.pressure = AdcCount(60);
+    let (fault, _) = fault_after(Bench::assisting(), 60, below);
+    assert_eq!(fault, Fault::Pressure(Doubt::Range), "below the atmosphere");
+}
+
+#[test]
+fn a_hold_that_is_asked_for_while_a_reading_is_bridged_stays() {
+    let mut bench = Bench::assisting();
+    let mut suspect = bench.sensors();
+    suspect.bridge = AdcCount(0);
+    assert_eq!(bench.tick_with(&suspect).mode, Mode::Holding);
+    bench.request = Request::Hold;
+    assert_eq!(bench.tick().mode, Mode::Holding);
+    bench.request = Request::None;
+    assert_eq!(bench.tick().mode, Mode::Holding);
+}
+
+#[test]
+fn a_fault_during_a_vent_that_was_asked_for_is_latched() {
+    let mut bench = Bench::assisting();
+    bench.request = Request::Vent;
+    assert_eq!(bench.tick().mode, Mode::Venting);
+    bench.request = Request::None;
+    let mut broken = bench.sensors();
+    broken.bridge = AdcCount(0);
+    let outputs: Vec<_> = (0..5).map(|_| bench.tick_with(&broken)).collect();
+    assert_eq!(outputs[4].fault, Some(Fault::Bridge(Doubt::Range)));
+    assert!(
+        outputs
+            .windows(2)
+            .all(|pair| pair[1].pressure_ref.0 <= pair[0].pressure_ref.0)
+    );
+}
+
+#[test]
+fn a_sensor_that_is_wrong_in_two_of_three_readings_fails() {
+    let corrupt = |sensors: &mut Sensors, tick: u32| {
+        if tick % 3 != 0 {
+            sensors.bridge = AdcCount(0);
+        }
+    };
+    let (fault, ticks) = fault_after(Bench::assisting(), 100, corrupt);
+    assert_eq!(fault, Fault::Bridge(Doubt::Range));
+    assert!(ticks < 30, "{ticks}");
 }
