@@ -1,11 +1,11 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: it ran. 2: bad input, one line that says where. 1: anything else.
+//! Exit status 0: it ran. 2: bad input, or a place that cannot be written, in one line that says
+//! where.
 
 mod cmd;
 
 use clap::{Parser, Subcommand};
-use hil_sim::closed_loop;
 use hil_sim::error::BadInput;
 use hil_sim::output::NotWritten;
 use std::process::ExitCode;
@@ -51,19 +51,6 @@ enum Failure {
     Input(#[from] BadInput),
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
-    #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
-}
-
-impl Failure {
-    fn is_bad_input(&self) -> bool {
-        matches!(
-            self,
-            Failure::Input(_)
-                | Failure::NotWritten(_)
-                | Failure::ClosedLoop(closed_loop::Error::Input(_))
-        )
-    }
 }
 
 fn main() -> ExitCode {
@@ -80,7 +67,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("hil-sim: {failure}");
-            ExitCode::from(if failure.is_bad_input() { 2 } else { 1 })
+            ExitCode::from(2)
         }
     }
 }
