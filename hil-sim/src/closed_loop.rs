@@ -12,6 +12,7 @@ use crate::record::Record;
 use crate::recorder::{self, Row};
 use crate::rig::Rig;
 use model_core::assist::Assist;
+use model_core::error::SettingsError;
 use model_core::frame::{Output, Request, Sensors};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
@@ -22,6 +23,10 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
+use std::ops::Range;
+
+/// By then the controller has checked itself \[s\].
+pub const CHECKED_S: f64 = 1.0;
 
 /// Period of the controller \[s\], the paper's sampling time.
 pub const TICK_S: f64 = 0.01;
@@ -54,12 +59,50 @@ pub enum Finger {
 impl Finger {
     /// The paper's lift: 0.12 m in 1 s, once the controller has checked itself.
     pub const PAPER: Finger = Finger::Lift {
-        start_s: 1.0,
+        start_s: CHECKED_S,
         travel_m: 0.12,
         rise_s: 1.0,
         hold_s: 4.0,
         lower_s: 1.5,
     };
+
+    /// A recorded path on the experiment's clock. It begins at 0, or so much later that the finger
+    /// does not move before the controller has checked itself.
+    pub fn recorded(time_s: &[f64], finger_m: Vec<f64>) -> Finger {
+        let Some(begin_s) = time_s.first() else {
+            return Finger::Recorded {
+                time_s: Vec::new(),
+                finger_m: Vec::new(),
+            };
+        };
+        let still = finger_m
+            .iter()
+            .take_while(|place_m| **place_m == finger_m[0]);
+        let rest_s = time_s[still.count() - 1] - begin_s;
+        let wait_s = (CHECKED_S - rest_s).max(0.0);
+        Finger::Recorded {
+            time_s: time_s.iter().map(|t| t - begin_s + wait_s).collect(),
+            finger_m,
+        }
+    }
+
+    /// From its first movement to the end of what is asked of it \[s\]: of a lift to the end of its
+    /// hold, of a recorded path to its end.
+    pub fn followed_s(&self) -> Range<f64> {
+        match self {
+            Finger::Lift {
+                start_s,
+                rise_s,
+                hold_s,
+                ..
+            } => *start_s..start_s + rise_s + hold_s,
+            Finger::Recorded { time_s, finger_m } => {
+                let moves = finger_m.iter().position(|place_m| *place_m != finger_m[0]);
+                let begin_s = time_s.get(moves.unwrap_or(0).saturating_sub(1)).copied();
+                begin_s.unwrap_or(0.0)..time_s.last().copied().unwrap_or(0.0)
+            }
+        }
+    }
 
     /// Intended displacement at `time_s` \[m\].
     pub fn intended_m(&self, time_s: f64) -> f64 {
@@ -168,6 +211,18 @@ pub enum Error {
     Simulation(#[from] SimulationError),
 }
 
+impl Error {
+    /// What is said to the user of `rig`.
+    pub fn of(self, rig: &Rig) -> BadInput {
+        match self {
+            Error::Input(bad) => bad,
+            Error::Simulation(error) => {
+                rig.bad_file(&format!("a rig whose plant can be followed, {error}"))
+            }
+        }
+    }
+}
+
 /// The lever and the hand on it.
 struct Hand {
     assist: Assist<f64>,
@@ -244,8 +299,21 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
     let supply_pa = valve.supply_pressure.0 as f32;
     values.supply_pressure_pa = supply_pa;
     values.pressure_pa_max = values.pressure_pa_max.min(supply_pa);
-    Settings::new(values)
-        .map_err(|error| rig.bad("assist", &format!("a rig a board can run, {error}")))
+    Settings::new(values).map_err(|error| {
+        let (SettingsError::OutOfRange { name, .. } | SettingsError::Contradiction { name, .. }) =
+            error
+        else {
+            return rig.bad_file(&format!("a rig a board can run, {error}"));
+        };
+        let key = match name {
+            "gain" => "assist.gain",
+            "supply_pressure_pa" | "pressure_pa_max" => "valve.supply_pressure_pa",
+            "contraction_max" => "muscle.beta_m2",
+            name if name.starts_with("muscle.") => name,
+            _ => "assist",
+        };
+        rig.bad(key, &format!("a rig a board can run, {error}"))
+    })
 }
 
 /// What ticks each 10 ms, in whatever place it runs.
@@ -331,7 +399,7 @@ pub fn run_with<T: Ticker>(
     let mut simulation = Simulation::new(plant, &initial, &drive, experiment.tolerance);
     let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);
     let mut request = Request::None;
-    let ticks = (experiment.duration_s / TICK_S).round() as usize;
+    let ticks = ((experiment.duration_s / TICK_S).round() as usize).max(1);
     for number in 0..ticks {
         let time_s = number as f64 * TICK_S;
         let reading = simulation.read();
@@ -412,7 +480,7 @@ pub fn record(settings: &Settings, run: &[Tick]) -> Record {
     recorder::record(&rows)
 }
 
-/// How well F followed F_c, from the finger's first movement to the end.
+/// How well F followed F_c while the finger lifted and held (see [`Finger::followed_s`]).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tracking {
     /// RMS of F_c − F \[N\].
@@ -434,13 +502,15 @@ fn reaches(run: &[Tick], level: f64, value: fn(&Tick) -> f64) -> Option<f64> {
     Some(pair[0].time_s + share * (pair[1].time_s - pair[0].time_s))
 }
 
-/// Tracking of a run of `rig` whose finger begins to move at `start_s`.
+/// Tracking of a run of `rig` in a span of time.
 ///
 /// # Errors
 /// The rig has no weight.
-pub fn tracking(rig: &Rig, run: &[Tick], start_s: f64) -> Result<Tracking, BadInput> {
+pub fn tracking(rig: &Rig, run: &[Tick], span_s: &Range<f64>) -> Result<Tracking, BadInput> {
     let weight_n = design::weight(rig)?.mass_kg * GRAVITY_M_PER_S2;
-    let run = &run[run.partition_point(|tick| tick.time_s < start_s)..];
+    // Half a tick about, for the rounding of times.
+    let until = |time_s: f64| run.partition_point(|tick| tick.time_s < time_s - 0.5 * TICK_S);
+    let run = &run[until(span_s.start)..until(span_s.end).max(until(span_s.start))];
     let asked = |tick: &Tick| f64::from(tick.output.reference_force_n);
     let largest = |value: &dyn Fn(&Tick) -> f64| run.iter().map(value).fold(0.0, f64::max);
     let squares = run

@@ -12,7 +12,7 @@ use crate::rig::{Load, Rig, Weight};
 use model_core::assist::Assist;
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
-use nalgebra::{Complex, Matrix4, SMatrix, Vector4};
+use nalgebra::{Complex, Matrix4, SMatrix, Schur, Vector4};
 use serde::Serialize;
 
 /// The circuit at rest with the weight hanging free, friction left out, linearised: what Eqs 10
@@ -172,10 +172,13 @@ pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<
     Ok((by_state, (above - below) / (2.0 * step)))
 }
 
+/// More than the poles of any loop of five states take.
+const ITERATIONS_MAX: usize = 10_000;
+
 /// Largest modulus of the sampled closed loop's poles at an equilibrium: below 1 it is stable.
 ///
 /// The loop is Eqs 6–8 every `period_s` with a zero-order hold and `delay_ticks` (0 or 1) whole
-/// ticks of delay, around the plant of [`jacobian`].
+/// ticks of delay, around the plant of [`jacobian`]. Infinite where there are no finite poles.
 fn spectral_radius(
     (by_state, by_reference): &(Matrix4<f64>, Vector4<f64>),
     feedback_pa: f64,
@@ -190,6 +193,9 @@ fn spectral_radius(
     joint
         .fixed_view_mut::<4, 1>(0, 4)
         .copy_from(&(by_reference * period_s));
+    if joint.iter().any(|value| !value.is_finite()) {
+        return f64::INFINITY;
+    }
     let held = joint.exp();
     let mut loop_matrix = SMatrix::<f64, 5, 5>::zeros();
     loop_matrix
@@ -205,16 +211,25 @@ fn spectral_radius(
         loop_matrix.fixed_view_mut::<4, 1>(0, 4).copy_from(&input);
         loop_matrix[(4, CONTRACTION)] = feedback_pa;
     }
-    let poles = loop_matrix.complex_eigenvalues();
-    poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max)
+    if loop_matrix.iter().any(|value| !value.is_finite()) {
+        return f64::INFINITY;
+    }
+    Schur::try_new(loop_matrix, f64::EPSILON, ITERATIONS_MAX).map_or(f64::INFINITY, |schur| {
+        let poles = schur.complex_eigenvalues();
+        poles.iter().map(|pole| pole.norm()).fold(0.0, f64::max)
+    })
 }
 
-/// The stiffest input K_s \[N/m\] with which the sampled loop is stable at the equilibrium, to
-/// 0.1 %; `None` if it is at any K_s up to 10⁵ N/m.
+/// The products K_s·K that are looked at \[N/m\]. Below them the delayed law takes away more of the
+/// muscle's stiffness than the lever gives, and only friction holds the weight.
+pub const STIFFNESS_GAIN_N_PER_M: std::ops::RangeInclusive<f64> = 20.0..=2e6;
+
+/// The largest product K_s·K \[N/m\] with which the sampled loop is stable at the equilibrium, to
+/// 0.1 %: 0 if it is not at the least of [`STIFFNESS_GAIN_N_PER_M`], `None` if it is at any.
 ///
 /// # Errors
 /// As [`linearise`].
-pub fn input_stiffness_limit_n_per_m(
+pub fn stiffness_gain_limit_n_per_m(
     rig: &Rig,
     assist: &Assist<f64>,
     at: &Linearisation,
@@ -223,18 +238,22 @@ pub fn input_stiffness_limit_n_per_m(
 ) -> Result<Option<f64>, BadInput> {
     let jacobian = jacobian(rig, at)?;
     let travel_m = assist.lever_travel_m(rig.muscle.initial_length_m);
-    let stable = |input_stiffness_n_per_m: f64| {
+    let stable = |stiffness_gain_n_per_m: f64| {
         // dP_r/dε of Eqs 6–8 at P_r = P: the law undoes the muscle's own stiffness f_c, and adds
         // the lever's.
-        let lever_n = assist.gain * input_stiffness_n_per_m * travel_m;
+        let lever_n = stiffness_gain_n_per_m * travel_m;
         let feedback_pa = (at.stiffness_n - lever_n) / at.force_per_pressure_m2;
         spectral_radius(&jacobian, feedback_pa, period_s, delay_ticks) < 1.0
     };
+    let mut low = *STIFFNESS_GAIN_N_PER_M.start();
+    if !stable(low) {
+        return Ok(Some(0.0));
+    }
     // Upwards in steps of 5 %: the first loss of stability counts, whatever comes after it.
-    let (mut low, mut high) = (1.0, 1.05);
+    let mut high = 1.05 * low;
     while stable(high) {
         (low, high) = (high, high * 1.05);
-        if high > 1e5 {
+        if high > *STIFFNESS_GAIN_N_PER_M.end() {
             return Ok(None);
         }
     }

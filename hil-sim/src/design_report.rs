@@ -5,7 +5,7 @@ use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::paper::{bode, linear};
 use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
-use crate::rig::Rig;
+use crate::rig::{MASS_KG, Rig};
 use model_core::pressure::GaugePa;
 use serde::Serialize;
 
@@ -31,19 +31,19 @@ pub struct Answer {
     pub flow_gain_kg_per_pa_s: f64,
     /// It is enough everywhere.
     pub sufficient: bool,
-    /// Stability limits of K_s, worst over the equilibria \[N/m\]; none where there is no lever.
-    pub input_stiffness_limit_n_per_m: Option<StiffnessLimits>,
+    /// Stability limits of K_s·K, worst over the equilibria; none where there is no lever.
+    pub stiffness_gain_limits: Option<StiffnessLimits>,
     /// Every equilibrium that was looked at.
     pub equilibria: Vec<Linearisation>,
 }
 
-/// The stiffest input with which the sampled loop is stable.
+/// The largest K_s·K with which the sampled loop is stable: 0 if none is, `None` if any is.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct StiffnessLimits {
     /// When the valve gets its command at once \[N/m\].
-    pub without_delay: f64,
+    pub without_delay_n_per_m: Option<f64>,
     /// When it gets it a tick later \[N/m\].
-    pub with_one_tick: f64,
+    pub with_one_tick_n_per_m: Option<f64>,
 }
 
 /// Equilibria looked at, per mass.
@@ -75,11 +75,10 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
         [] => vec![weight_kg],
         masses => masses.to_vec(),
     };
-    if let Some(mass) = masses_kg
-        .iter()
-        .find(|mass| !(**mass > 0.0 && **mass <= 1e5))
-    {
-        return Err(asked("--mass", format!("a mass above 0 kg, found {mass}")));
+    if let Some(mass) = masses_kg.iter().find(|mass| !MASS_KG.contains(*mass)) {
+        let (min, max) = (MASS_KG.start(), MASS_KG.end());
+        let expected = format!("a mass from {min} to {max} kg, found {mass:e}");
+        return Err(asked("--mass", expected));
     }
     let mut equilibria = Vec::new();
     for mass_kg in &masses_kg {
@@ -101,7 +100,7 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
         worst,
         flow_gain_kg_per_pa_s: valve.flow_gain_kg_per_pa_s,
         sufficient: valve.flow_gain_kg_per_pa_s >= needed(&worst),
-        input_stiffness_limit_n_per_m: stiffness_limits(rig, &equilibria)?,
+        stiffness_gain_limits: stiffness_limits(rig, &equilibria)?,
         equilibria,
     };
     Ok((report(rig, &masses_kg, &answer), answer))
@@ -118,14 +117,15 @@ fn stiffness_limits(
     for (delay_ticks, limit) in limits.iter_mut().enumerate() {
         for linear in equilibria.iter().step_by(STABILITY_STRIDE) {
             let here =
-                design::input_stiffness_limit_n_per_m(rig, assist, linear, TICK_S, delay_ticks)?;
+                design::stiffness_gain_limit_n_per_m(rig, assist, linear, TICK_S, delay_ticks)?;
             *limit = limit.min(here.unwrap_or(f64::INFINITY));
         }
     }
-    let [without_delay, with_one_tick] = limits;
-    Ok(with_one_tick.is_finite().then_some(StiffnessLimits {
-        without_delay,
-        with_one_tick,
+    let [without_delay_n_per_m, with_one_tick_n_per_m] =
+        limits.map(|limit| limit.is_finite().then_some(limit));
+    Ok(Some(StiffnessLimits {
+        without_delay_n_per_m,
+        with_one_tick_n_per_m,
     }))
 }
 
@@ -153,21 +153,39 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
             worst.omega2_rad_per_s / (2.0 * std::f64::consts::PI)
         ),
     ];
-    if let (Some(limit), Some(assist)) = (answer.input_stiffness_limit_n_per_m, &rig.assist) {
-        let stable = match assist.input_stiffness_n_per_m {
-            k if k < limit.with_one_tick => "is stable",
-            k if k < limit.without_delay => "is stable only without delay",
-            _ => "is not stable",
-        };
-        verdict.push(format!(
-            "The sampled loop is stable up to K_s·K = {:.0} N/m ({:.0} N/m with a tick of delay): \
-             the rig's {:.0} N/m {stable}.",
-            limit.without_delay * assist.gain,
-            limit.with_one_tick * assist.gain,
-            assist.input_stiffness_n_per_m * assist.gain,
-        ));
+    if let (Some(limits), Some(assist)) = (&answer.stiffness_gain_limits, &rig.assist) {
+        let product_n_per_m = assist.input_stiffness_n_per_m * assist.gain;
+        verdict.push(stability(limits, product_n_per_m));
+    }
+    if !rig.effects.is_empty() {
+        verdict.push("This is the nominal circuit: the rig's effects are left out.".into());
     }
     verdict
+}
+
+/// How stiff the input may be, and how stiff × gain the rig's is, in words.
+fn stability(limits: &StiffnessLimits, product_n_per_m: f64) -> String {
+    let up_to = |limit: Option<f64>| match limit {
+        None => "at any K_s·K".to_owned(),
+        Some(0.0) => "at no K_s·K".to_owned(),
+        Some(limit) => format!("up to K_s·K = {limit:.0} N/m"),
+    };
+    let below = |limit: Option<f64>| limit.is_none_or(|limit| product_n_per_m < limit);
+    let stable = if product_n_per_m < *design::STIFFNESS_GAIN_N_PER_M.start() {
+        "is too soft to tell"
+    } else if below(limits.with_one_tick_n_per_m) {
+        "is stable"
+    } else if below(limits.without_delay_n_per_m) {
+        "is stable only without delay"
+    } else {
+        "is not stable"
+    };
+    format!(
+        "The sampled loop is stable {} ({} with a tick of delay): the rig's {:.0} N/m {stable}.",
+        up_to(limits.without_delay_n_per_m),
+        up_to(limits.with_one_tick_n_per_m),
+        product_n_per_m,
+    )
 }
 
 /// Needed flow gain and natural frequency over the equilibrium pressure, a line a mass.
@@ -242,7 +260,7 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
                 ..Section::default()
             },
         ],
-        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+        repeat: Vec::new(),
     }
 }
 

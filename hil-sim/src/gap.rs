@@ -1,5 +1,6 @@
 //! The gap between a simulated record and the measured one.
 
+use crate::plant::Simulated;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use crate::report::{Axis, Plot, Report, Section, Series, Table};
 use serde::Serialize;
@@ -10,9 +11,6 @@ const SIGNALS: [(&str, &str, &str, f64); 3] = [
     (CONTRACTION, "contraction", "%", 100.0),
     (FORCE_N, "force", "N", 1.0),
 ];
-
-/// Points that a plotted line keeps: more than a screen has columns.
-const POINTS_MAX: usize = 4000;
 
 /// The gap of one signal, in the column's unit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -29,9 +27,15 @@ pub struct Gap {
     pub range: f64,
 }
 
-/// The gap of each signal that was measured and that is no input of the simulation.
-pub fn gaps(measured: &Record, simulated: &Record) -> Vec<Gap> {
-    let gaps = SIGNALS.iter().filter_map(|(signal, ..)| {
+/// The gap of each signal that was measured and that is no input of the simulation (see
+/// [`crate::simulate::simulated`]).
+pub fn gaps(measured: &Record, simulated: &Record, which: Simulated) -> Vec<Gap> {
+    let outputs = SIGNALS.iter().filter(|(signal, ..)| match *signal {
+        PRESSURE_PA => which.pressure,
+        CONTRACTION => which.motion,
+        _ => true,
+    });
+    let gaps = outputs.filter_map(|(signal, ..)| {
         let (measured, simulated) = (measured.column(signal)?, simulated.column(signal)?);
         let pairs = measured.iter().zip(simulated);
         let (mut squares, mut max, mut samples) = (0.0, 0.0_f64, 0);
@@ -43,8 +47,7 @@ pub fn gaps(measured: &Record, simulated: &Record) -> Vec<Gap> {
             (low, high) = (low.min(*measured), high.max(*measured));
             samples += 1;
         }
-        // An input is repeated as it came.
-        (samples > 0 && max > 0.0).then(|| Gap {
+        (samples > 0).then(|| Gap {
             signal,
             samples,
             rms: (squares / samples as f64).sqrt(),
@@ -55,27 +58,11 @@ pub fn gaps(measured: &Record, simulated: &Record) -> Vec<Gap> {
     gaps.collect()
 }
 
-/// A line thinned to what can be seen: of each stretch its lowest and its highest point.
-fn seen(name: &str, time_s: &[f64], values: &[f64]) -> Series {
-    let stretch = (2 * values.len()).div_ceil(POINTS_MAX).max(1);
-    if stretch == 1 {
-        return Series::new(name, time_s.to_vec(), values.to_vec());
-    }
-    let (mut x, mut y) = (Vec::new(), Vec::new());
-    for (times_s, values) in time_s.chunks(stretch).zip(values.chunks(stretch)) {
-        let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
-        let low = (0..values.len()).min_by(by_value).unwrap_or(0);
-        let high = (0..values.len()).max_by(by_value).unwrap_or(0);
-        for place in [low.min(high), low.max(high)] {
-            x.push(times_s[place]);
-            y.push(values[place]);
-        }
-    }
-    Series::new(name, x, y)
-}
-
 /// A number with the four digits that say something.
 fn significant(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
     let before_point = value.abs().max(1e-9).log10().floor() as i32;
     format!("{value:.*}", (3 - before_point).clamp(0, 9) as usize)
 }
@@ -95,10 +82,14 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
         ) else {
             continue;
         };
-        let percent = 100.0 * gap.rms / gap.range;
+        let percent = match gap.range {
+            // A clamped bench, a constant load.
+            0.0 => String::new(),
+            range => format!(", {:.1} % of its range", 100.0 * gap.rms / range),
+        };
         let number = |value: f64| format!("{} {unit}", significant(factor * value));
         verdict.push(format!(
-            "The simulated {name} misses the measured one by {} RMS, {percent:.1} % of its range.",
+            "The simulated {name} misses the measured one by {} RMS{percent}.",
             number(gap.rms)
         ));
         rows.push(vec![
@@ -118,11 +109,11 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             sync: Some("gap".into()),
         };
         let lines = vec![
-            seen("measured", time_s, was),
-            seen("simulated", time_s, is).dashed(),
+            Series::thinned("measured", time_s, was),
+            Series::thinned("simulated", time_s, is).dashed(),
         ];
         plots.push(plot(format!("Measured and simulated {name}"), lines));
-        let gap = seen("simulated − measured", time_s, &differences);
+        let gap = Series::thinned("simulated − measured", time_s, &differences);
         plots.push(plot(format!("Gap in {name}"), vec![gap]));
     }
     let columns = ["signal", "RMS of the gap", "largest", "measured range"];
@@ -139,6 +130,6 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             }],
             plots,
         }],
-        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+        repeat: Vec::new(),
     }
 }

@@ -8,10 +8,10 @@ use crate::design;
 use crate::error::BadInput;
 use crate::plant::Plant;
 use crate::plant::sensors::Reading;
-use crate::plant::simulation::Initial;
+use crate::plant::simulation::{Initial, Simulation};
 use crate::record::{self, Record};
 use crate::rig::{Load, Rig};
-use crate::simulate::Inputs;
+use crate::simulate::{Inputs, above_vacuum};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::pressure::GaugePa;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Vector3};
@@ -109,7 +109,7 @@ fn place_and_rate(samples: &Samples) -> (f64, f64) {
     }
     match normal.lu().solve(&right) {
         Some(parabola) => (parabola[0], parabola[1]),
-        None => (mean, slope),
+        None => (mean - slope * mean_s, slope),
     }
 }
 
@@ -135,8 +135,17 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
     };
     let pressure = match (inputs.pressure(0), measured_pressure.values.first()) {
         (Some(input), _) => input,
-        (None, Some(first)) => truth(*first, 0.0).pressure,
-        (None, None) => inputs.drive(0).reference,
+        (None, Some(first)) => {
+            let (row, pressure) = (measured_pressure.rows[0], truth(*first, 0.0).pressure);
+            above_vacuum(&plant, record, row, pressure)?
+        }
+        // The valve takes the muscle to its reference, as far as the supply reaches.
+        (None, None) => {
+            let drive = inputs.drive(0);
+            let nominal = rig.require_valve()?.supply_pressure;
+            let supply_pa = drive.supply.map_or(nominal.0, |supply| supply.value);
+            GaugePa(drive.reference.0.min(supply_pa).max(0.0))
+        }
     };
     let (contraction, contraction_rate_per_s) = match (inputs.contraction(0), &rig.load) {
         (Some(input), _) => (input, inputs.drive(0).contraction_rate_per_s),
@@ -253,7 +262,7 @@ impl<'a> Fit<'a> {
         let mut differences = Vec::new();
         let mut readings = Vec::with_capacity(last + 1);
         let initial = self.initial(parameters);
-        let visit = |_: usize, simulation: &_| readings.push(read(simulation));
+        let visit = |_: usize, simulation: &Simulation| readings.push(simulation.read());
         self.inputs
             .run(plant, &initial, TOLERANCE, last + 1, visit)
             .ok()?;
@@ -286,10 +295,6 @@ impl<'a> Fit<'a> {
             fit.start
         }
     }
-}
-
-fn read(simulation: &crate::plant::simulation::Simulation) -> Reading {
-    simulation.read()
 }
 
 impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {

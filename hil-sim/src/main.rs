@@ -1,6 +1,7 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: it ran. 2: bad input, one line that says where. 1: anything else.
+//! Exit status 0: it ran. 2: bad input, or a place that cannot be written, in one line that says
+//! where.
 
 mod cmd;
 
@@ -84,17 +85,6 @@ impl From<replay::Error> for Failure {
     }
 }
 
-impl Failure {
-    fn is_bad_input(&self) -> bool {
-        matches!(
-            self,
-            Failure::Input(_)
-                | Failure::NotWritten(_)
-                | Failure::ClosedLoop(closed_loop::Error::Input(_))
-        )
-    }
-}
-
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         None => cmd::paper::run(&cmd::paper::Args::default()),
@@ -112,7 +102,12 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("hil-sim: {failure}");
-            ExitCode::from(if failure.is_bad_input() { 2 } else { 1 })
+            // A board that no longer answers is nobody's bad input.
+            ExitCode::from(if matches!(failure, Failure::Link(_)) {
+                1
+            } else {
+                2
+            })
         }
     }
 }

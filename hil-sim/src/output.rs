@@ -13,12 +13,22 @@ pub struct NotWritten {
     pub source: std::io::Error,
 }
 
-/// Writes `bytes` to `path` through a temporary file beside it, which then takes its place.
+/// Writes `bytes` to `path` through a temporary file beside it, which then takes its place. What is
+/// no file (a pipe, a device) is written to; a link stays, and the file it names is replaced.
 ///
 /// # Errors
-/// The folder does not exist or cannot be written; then nothing has changed.
+/// The folder does not exist or cannot be written, a link leads nowhere; then nothing has changed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
     let write = || {
+        if is_stream(path) {
+            let mut stream = std::fs::OpenOptions::new().write(true).open(path)?;
+            return stream.write_all(bytes);
+        }
+        let path = &if path.is_symlink() {
+            path.canonicalize()?
+        } else {
+            path.to_path_buf()
+        };
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
             _ => Path::new("."),
@@ -41,4 +51,22 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
         path: path.display().to_string(),
         source,
     })
+}
+
+/// There is something at `path` that is neither a file nor a folder.
+fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
+}
+
+/// Two paths that name one file, whether it is there or not.
+pub fn same_file(one: &Path, other: &Path) -> bool {
+    let whole = |path: &Path| {
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        let named = || Some(folder.canonicalize().ok()?.join(path.file_name()?));
+        path.canonicalize().ok().or_else(named)
+    };
+    !is_stream(one) && whole(one).is_some_and(|one| Some(one) == whole(other))
 }

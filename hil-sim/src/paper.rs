@@ -1,6 +1,6 @@
 //! The paper's experiments and figures, ours beside what the paper says.
 
-use crate::closed_loop::{self, Error, Experiment, Finger, TICK_S, Tick, Tracking};
+use crate::closed_loop::{self, Error, Experiment, TICK_S, Tick, Tracking};
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
@@ -17,6 +17,11 @@ use serde::Serialize;
 pub const VALVE_A_FLOW_GAIN_KG_PER_PA_S: f64 = 6.1e-9;
 /// Flow gain of valve B, two on-off valves with a built-in controller \[kg/(Pa·s)\] (§3.1).
 pub const VALVE_B_FLOW_GAIN_KG_PER_PA_S: f64 = 1.3e-7;
+/// The paper's valves.
+const VALVES: [(&str, f64); 2] = [
+    ("valve A", VALVE_A_FLOW_GAIN_KG_PER_PA_S),
+    ("valve B", VALVE_B_FLOW_GAIN_KG_PER_PA_S),
+];
 /// Equilibrium pressure of Fig 7 (which the print calls supply pressure).
 const FIG_7_PRESSURE: GaugePa<f64> = GaugePa(4e5);
 /// Contraction at which the paper compares volumes \[-\].
@@ -77,14 +82,21 @@ pub struct AssistRun {
     pub tracking: Tracking,
 }
 
-/// Runs `experiment` on `rig` with the controller that is flashed to the board.
+/// Runs `experiment` on `rig` with the controller that is flashed to the board; `tick_done` is
+/// called after each of its ticks.
 ///
 /// # Errors
 /// The rig lacks something; the plant has no solution.
-pub fn assist(name: &str, rig: &Rig, experiment: &Experiment) -> Result<AssistRun, Error> {
+pub fn assist(
+    name: &str,
+    rig: &Rig,
+    experiment: &Experiment,
+    tick_done: &dyn Fn(),
+) -> Result<AssistRun, Error> {
     let settings = closed_loop::settings(rig)?;
     let mut controller = Controller::new(settings);
     let ticks = closed_loop::run(rig, &settings, experiment, |sensors| {
+        tick_done();
         controller.tick(sensors)
     })?;
     AssistRun::new(name, rig, settings, experiment, ticks)
@@ -102,15 +114,11 @@ impl AssistRun {
         experiment: &Experiment,
         ticks: Vec<Tick>,
     ) -> Result<AssistRun, Error> {
-        let start_s = match &experiment.finger {
-            Finger::Lift { start_s, .. } => *start_s,
-            Finger::Recorded { .. } => 0.0,
-        };
         Ok(AssistRun {
             name: name.into(),
             rig: rig.clone(),
             settings,
-            tracking: closed_loop::tracking(rig, &ticks, start_s)?,
+            tracking: closed_loop::tracking(rig, &ticks, &experiment.finger.followed_s())?,
             ticks,
         })
     }
@@ -121,8 +129,17 @@ impl AssistRun {
             || "never rises with it".into(),
             |lag_s| format!("lags by {:.0} ms", 1e3 * lag_s),
         );
+        let fault = self.fault().map_or(String::new(), |fault| {
+            format!("the controller stopped assisting ({fault}); ")
+        });
         let (name, error_n) = (&self.name, self.tracking.error_n_rms);
-        format!("{name}: the force {lag}; RMS of F_c − F {error_n:.1} N.")
+        format!("{name}: {fault}the force {lag}; RMS of F_c − F {error_n:.1} N.")
+    }
+
+    /// The fault that the controller latched.
+    pub fn fault(&self) -> Option<String> {
+        let fault = self.ticks.iter().find_map(|tick| tick.output.fault);
+        fault.map(|fault| format!("{fault:?}"))
     }
 }
 
@@ -132,14 +149,8 @@ impl AssistRun {
 /// The rig has no valve to replace.
 pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
     Ok([
-        (
-            "valve A",
-            with_flow_gain(rig, VALVE_A_FLOW_GAIN_KG_PER_PA_S)?,
-        ),
-        (
-            "valve B",
-            with_flow_gain(rig, VALVE_B_FLOW_GAIN_KG_PER_PA_S)?,
-        ),
+        (VALVES[0].0, with_flow_gain(rig, VALVES[0].1)?),
+        (VALVES[1].0, with_flow_gain(rig, VALVES[1].1)?),
     ])
 }
 
@@ -147,12 +158,15 @@ pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
 ///
 /// # Errors
 /// As [`assist`].
-pub fn both_valves(rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
-    let valves = valves(rig)?;
-    let runs = valves
+pub fn both_valves(
+    rig: &Rig,
+    experiment: &Experiment,
+    tick_done: &dyn Fn(),
+) -> Result<Vec<AssistRun>, Error> {
+    VALVES
         .iter()
-        .map(|(name, rig)| assist(name, rig, experiment));
-    runs.collect()
+        .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, experiment, tick_done))
+        .collect()
 }
 
 fn milliseconds(lag_s: Option<f64>) -> String {
@@ -200,8 +214,9 @@ pub fn tracking_table(runs: &[AssistRun]) -> Table {
 }
 
 fn series(run: &AssistRun, name: &str, value: fn(&Tick) -> f64) -> Series {
-    let times = run.ticks.iter().map(|tick| tick.time_s).collect();
-    Series::new(name, times, run.ticks.iter().map(value).collect())
+    let times: Vec<f64> = run.ticks.iter().map(|tick| tick.time_s).collect();
+    let values: Vec<f64> = run.ticks.iter().map(value).collect();
+    Series::thinned(name, &times, &values)
 }
 
 /// Plots of assist runs, all on one time axis.
@@ -218,7 +233,7 @@ pub fn assist_plots(runs: &[AssistRun]) -> Vec<Plot> {
     let mut plots = Vec::new();
     for run in runs {
         let caption = format!(
-            "F lags F_c by {}; RMS of F_c − F {:.1} N from the finger's first movement on.",
+            "F lags F_c by {}; RMS of F_c − F {:.1} N while the finger lifts and holds.",
             milliseconds(run.tracking.lag_s),
             run.tracking.error_n_rms
         );
@@ -364,14 +379,10 @@ fn fig_2(rig: &Rig) -> Result<(Plot, f64), Error> {
 fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
     let mut pressures = Vec::new();
     let mut contractions = Vec::new();
-    let valves = [
-        ("valve A", VALVE_A_FLOW_GAIN_KG_PER_PA_S),
-        ("valve B", VALVE_B_FLOW_GAIN_KG_PER_PA_S),
-    ];
     let weight = design::weight(rig)?;
     let start = GaugePa(2e5);
     let contraction = design::equilibrium(&rig.muscle, start, weight.mass_kg).unwrap_or(0.0);
-    for (name, gain) in valves {
+    for (name, gain) in VALVES {
         let rig = with_flow_gain(rig, gain)?;
         let plant = Plant::new(&rig, Simulated::WHOLE)?;
         let initial = at_rest(contraction, start, &plant);
@@ -396,6 +407,10 @@ fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
         pressures.push(Series::new(name, times.clone(), p));
         contractions.push(Series::new(name, times, c));
     }
+    let caption = format!(
+        "200 → 400 → 200 kPa with {} kg. The dip and bump are the muscle's own volume change.",
+        weight.mass_kg
+    );
     let plot = |title: &str, caption: &str, y: Axis, series: Vec<Series>| Plot {
         title: title.into(),
         caption: caption.into(),
@@ -408,7 +423,7 @@ fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
     Ok(vec![
         plot(
             "Fig 5: step of the reference, pressure",
-            "200 → 400 → 200 kPa with 12 kg. The dip and bump are the muscle's own volume change.",
+            &caption,
             Axis::new("gauge pressure", "kPa", 1e-3),
             pressures,
         ),
@@ -502,8 +517,8 @@ pub fn paper(
         let linear = design::linearise(&with_flow_gain(rig, gain)?, FIG_7_PRESSURE, mass_kg)?;
         Ok(linear.ok_or_else(|| rig.bad("muscle.alpha_m2", "a muscle that lifts at 400 kPa"))?)
     };
-    let runs = both_valves(rig, experiment)?;
-    let [a, b] = [VALVE_A_FLOW_GAIN_KG_PER_PA_S, VALVE_B_FLOW_GAIN_KG_PER_PA_S].map(at_400_kpa);
+    let runs = both_valves(rig, experiment, &|| ())?;
+    let [a, b] = VALVES.map(|(_, gain)| at_400_kpa(gain));
     let (a, b) = (a?, b?);
     let needed = a.flow_gain_needed_kg_per_pa_s;
     let valves = runs.iter().map(|run| {
@@ -692,7 +707,10 @@ fn comparison(summary: &Summary) -> Table {
     }
 }
 
-fn table_1(rig: &Rig) -> Result<Table, BadInput> {
+/// Name, value, unit, and where the paper's rig has it from.
+type Parameter = (&'static str, f64, &'static str, &'static str);
+
+fn parameters(rig: &Rig) -> Result<Vec<Parameter>, BadInput> {
     let weight = design::weight(rig)?;
     let (assist, valve, gas) = (
         rig.require_assist()?,
@@ -703,7 +721,7 @@ fn table_1(rig: &Rig) -> Result<Table, BadInput> {
     const CHOSEN: &str = "chosen: the paper leaves it out";
     let muscle = &rig.muscle;
     let supply_kpa = valve.supply_pressure.0 / 1e3;
-    let rows = [
+    let rows: [Parameter; 14] = [
         ("mass M", weight.mass_kg, "kg", PRINTED),
         (
             "viscous damping C",
@@ -724,12 +742,19 @@ fn table_1(rig: &Rig) -> Result<Table, BadInput> {
         ("spring K_s", assist.input_stiffness_n_per_m, "N/m", CHOSEN),
         ("pulley diameter d", assist.pulley_diameter_m, "m", CHOSEN),
     ];
-    let row = |(name, value, unit, source): (&str, f64, &str, &str)| {
-        vec![name.into(), format!("{value} {unit}"), source.into()]
+    Ok(rows.to_vec())
+}
+
+/// Table 1: `rig`'s parameters, and which of them are the paper's.
+fn table_1(rig: &Rig) -> Result<Table, BadInput> {
+    let (rows, papers) = (parameters(rig)?, parameters(&Rig::reference())?);
+    let row = |((name, value, unit, source), paper): (&Parameter, &Parameter)| {
+        let source = if value == &paper.1 { source } else { "the rig" };
+        vec![(*name).into(), format!("{value} {unit}"), source.into()]
     };
     Ok(Table {
         caption: "Parameters".into(),
         columns: ["parameter", "value", "source"].map(String::from).into(),
-        rows: rows.map(row).into(),
+        rows: rows.iter().zip(&papers).map(row).collect(),
     })
 }

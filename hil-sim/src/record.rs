@@ -82,6 +82,10 @@ const KNOWN: [(&str, f64, f64); 19] = [
 ];
 
 const U32_MAX: f64 = u32::MAX as f64;
+/// The longest time between two rows, and from the first to the last \[s\]: what is beyond them is
+/// milliseconds or microseconds, and takes hours.
+const GAP_S_MAX: f64 = 1e4;
+const LENGTH_S_MAX: f64 = 1e6;
 
 /// One column.
 #[derive(Clone, Debug, PartialEq)]
@@ -96,6 +100,8 @@ enum Cells {
 #[derive(Clone, Debug)]
 pub struct Record {
     file: String,
+    /// The line of each row; empty for a record that was not read.
+    lines: Vec<u32>,
     time_s: Vec<f64>,
     /// Every column but the time, in the file's order; `None` stands where the time was.
     columns: Vec<Option<(String, Cells)>>,
@@ -110,6 +116,7 @@ impl Record {
         assert!(!time_s.is_empty() && time_s.windows(2).all(|pair| pair[0] < pair[1]));
         Record {
             file: "record".into(),
+            lines: Vec::new(),
             time_s,
             columns: vec![None],
         }
@@ -137,25 +144,28 @@ impl Record {
             .from_reader(bytes);
         let header = match reader.headers() {
             Ok(header) => header.clone(),
-            Err(error) => return Err(not_csv(name, &error)),
+            Err(error) => return Err(not_csv(name, bytes, &error)),
         };
         let columns = columns(name, &header)?;
         let mut record = Record {
             file: name.into(),
+            lines: Vec::new(),
             time_s: Vec::new(),
             columns,
         };
         let mut row = csv::StringRecord::new();
-        let mut line = 1;
+        let (mut line, mut counted) = (1, 0);
         while reader
             .read_record(&mut row)
-            .map_err(|error| not_csv(name, &error))?
+            .map_err(|error| not_csv(name, bytes, &error))?
         {
-            line = row.position().map_or(0, |position| position.line()) as usize;
+            let begin = content(bytes, row.position());
+            line += newlines(&bytes[counted..begin]);
+            counted = begin;
             record.push(line, &row)?;
         }
         // The reader takes all that follows an open quote for one cell.
-        if bytes.iter().filter(|byte| **byte == b'"').count() % 2 == 1 {
+        if ends_in_quotes(bytes) {
             return Err(BadInput {
                 line: Some(line),
                 ..BadInput::file(name, "a closing quote, found the end of the file")
@@ -167,12 +177,26 @@ impl Record {
                 ..BadInput::file(name, "at least one row of samples, found none")
             });
         }
+        record.begins_with_a_reference()?;
         Ok(record)
+    }
+
+    fn begins_with_a_reference(&self) -> Result<(), BadInput> {
+        match self.column(PRESSURE_REF_PA) {
+            Some([first, ..]) if first.is_nan() => Err(BadInput {
+                line: self.line(0),
+                ..self.bad(
+                    PRESSURE_REF_PA,
+                    "a reference in the first row, as it is held, found none",
+                )
+            }),
+            _ => Ok(()),
+        }
     }
 
     /// Adds a row that stands on `line`.
     fn push(&mut self, line: usize, row: &csv::StringRecord) -> Result<(), BadInput> {
-        let first = self.time_s.is_empty();
+        let first_s = self.time_s.first().copied();
         let bad = |column: &str, expected: String| BadInput {
             file: self.file.clone(),
             line: Some(line),
@@ -191,19 +215,26 @@ impl Record {
                         let why = format!("a time after {before_s}, found {time_s}");
                         return Err(bad(TIME_S, why));
                     }
+                    if first_s.is_some() && time_s - before_s > GAP_S_MAX {
+                        let why = format!(
+                            "seconds, at most {GAP_S_MAX} from row to row, found {before_s} and \
+                             then {time_s}"
+                        );
+                        return Err(bad(TIME_S, why));
+                    }
+                    if first_s.is_some_and(|first_s| time_s - first_s > LENGTH_S_MAX) {
+                        let why = format!("seconds, at most {LENGTH_S_MAX} in all, found more");
+                        return Err(bad(TIME_S, why));
+                    }
                     self.time_s.push(time_s);
                 }
                 Some((name, Cells::Numbers(values))) => {
-                    let value = number(name, cell).map_err(|why| bad(name, why))?;
-                    if first && name == PRESSURE_REF_PA && value.is_nan() {
-                        let why = "a reference in the first row, as it is held, found none";
-                        return Err(bad(name, why.into()));
-                    }
-                    values.push(value);
+                    values.push(number(name, cell).map_err(|why| bad(name, why))?);
                 }
                 Some((_, Cells::Text(values))) => values.push(cell.into()),
             }
         }
+        self.lines.push(line as u32);
         Ok(())
     }
 
@@ -212,15 +243,20 @@ impl Record {
         &self.time_s
     }
 
-    /// A known column's samples, NaN where one is missing; `None` if the record lacks it.
+    /// A known column's samples, NaN where one is missing; `None` if the record lacks it or it has
+    /// none.
     pub fn column(&self, name: &str) -> Option<&[f64]> {
-        self.columns
-            .iter()
-            .flatten()
-            .find_map(|(known, cells)| match cells {
-                Cells::Numbers(values) if known == name => Some(values.as_slice()),
-                _ => None,
-            })
+        let values = self.cells(name)?;
+        let present = values.iter().any(|value| !value.is_nan());
+        present.then_some(values)
+    }
+
+    fn cells(&self, name: &str) -> Option<&[f64]> {
+        let mut columns = self.columns.iter().flatten();
+        columns.find_map(|(known, cells)| match cells {
+            Cells::Numbers(values) if known == name => Some(values.as_slice()),
+            _ => None,
+        })
     }
 
     /// As [`Record::column`].
@@ -228,8 +264,10 @@ impl Record {
     /// # Errors
     /// The record lacks it.
     pub fn require(&self, name: &str) -> Result<&[f64], BadInput> {
-        self.column(name)
-            .ok_or_else(|| self.bad(name, "this column, found none"))
+        self.column(name).ok_or_else(|| match self.cells(name) {
+            None => self.bad(name, "this column, found none"),
+            Some(_) => self.bad(name, "at least one sample, found none"),
+        })
     }
 
     /// An unknown column's words; `None` if the record lacks it.
@@ -262,11 +300,16 @@ impl Record {
 
     /// Bad input at `time_s` of the record.
     pub fn bad_at(&self, time_s: f64, expected: &str) -> BadInput {
+        let row = self.time_s.partition_point(|row_s| *row_s <= time_s);
         BadInput {
-            // The header is line 1.
-            line: Some(1 + self.time_s.partition_point(|row_s| *row_s <= time_s).max(1)),
+            line: self.line(row.saturating_sub(1)),
             ..BadInput::file(&self.file, expected)
         }
+    }
+
+    /// The line of the file on which a row begins.
+    fn line(&self, row: usize) -> Option<usize> {
+        self.lines.get(row).map(|line| *line as usize)
     }
 
     /// Puts a column of numbers in the place of the one of that name, or at the end.
@@ -381,9 +424,39 @@ fn number(column: &str, cell: &str) -> Result<f64, String> {
     }
 }
 
+/// Where a row begins, from where the reader began to look for it: blank lines are no rows.
+fn content(bytes: &[u8], position: Option<&csv::Position>) -> usize {
+    let from = position.map_or(0, |position| position.byte() as usize);
+    let rest = bytes.get(from..).unwrap_or_default();
+    let blank = rest.iter().take_while(|byte| matches!(byte, b'\r' | b'\n'));
+    from.min(bytes.len()) + blank.count()
+}
+
+fn newlines(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|byte| **byte == b'\n').count()
+}
+
+/// A quote that opens a cell is never closed. A quote within a cell is a character like others.
+fn ends_in_quotes(bytes: &[u8]) -> bool {
+    let (mut open, mut may_open) = (false, true);
+    for byte in bytes {
+        if open {
+            // After the quote that closes another one would be the second of a pair.
+            open = *byte != b'"';
+            may_open = !open;
+        } else {
+            open = may_open && *byte == b'"';
+            may_open = matches!(byte, b',' | b'\r' | b'\n');
+        }
+    }
+    open
+}
+
 /// What the CSV reader did not like.
-fn not_csv(file: &str, error: &csv::Error) -> BadInput {
-    let line = error.position().map(|position| position.line() as usize);
+fn not_csv(file: &str, bytes: &[u8], error: &csv::Error) -> BadInput {
+    let line = error
+        .position()
+        .map(|position| 1 + newlines(&bytes[..content(bytes, Some(position))]));
     let expected = match error.kind() {
         csv::ErrorKind::UnequalLengths {
             expected_len, len, ..

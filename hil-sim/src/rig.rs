@@ -116,9 +116,12 @@ pub struct Rig {
     pub effects: Vec<Effect>,
 }
 
+/// Masses that a muscle may carry \[kg\].
+pub const MASS_KG: std::ops::RangeInclusive<f64> = 1e-3..=1e5;
+
 /// Limits of physics: section, key, smallest and largest value. What is at fault beyond them is
 /// the file, not the rig.
-const LIMITS: [(&str, &str, f64, f64); 22] = [
+const LIMITS: [(&str, &str, f64, f64); 21] = [
     ("muscle", "alpha_m2", 1e-9, 10.0),
     ("muscle", "beta_m2", -10.0, 10.0),
     ("muscle", "gamma_n", -1e5, 1e5),
@@ -126,7 +129,7 @@ const LIMITS: [(&str, &str, f64, f64); 22] = [
     ("muscle", "volume_d2_m3", -10.0, 10.0),
     ("muscle", "volume_d3_m3", 1e-12, 10.0),
     ("muscle", "initial_length_m", 1e-3, 100.0),
-    ("load", "mass_kg", 1e-3, 1e5),
+    ("load", "mass_kg", *MASS_KG.start(), *MASS_KG.end()),
     ("load", "viscous_damping_ns_per_m", 0.0, 1e6),
     ("load", "coulomb_friction_n", 0.0, 1e5),
     ("load", "static_friction_n", 0.0, 1e5),
@@ -137,10 +140,9 @@ const LIMITS: [(&str, &str, f64, f64); 22] = [
     ("gas", "heat_transfer_charging_w_per_m2_k", 0.0, 1e6),
     ("gas", "heat_transfer_discharging_w_per_m2_k", 0.0, 1e6),
     ("assist", "gain", 0.0, 1e4),
-    ("assist", "input_stiffness_n_per_m", 0.0, 1e6),
+    ("assist", "input_stiffness_n_per_m", 1e-3, 1e6),
     ("assist", "lever_length_m", 1e-3, 100.0),
     ("assist", "pulley_diameter_m", 1e-3, 100.0),
-    ("tolerance", "", 0.0, 10.0),
 ];
 
 /// Contractions over which the volume must be positive.
@@ -240,6 +242,11 @@ impl Rig {
             place: Some(format!("key `{key}`")),
             expected: expected.into(),
         }
+    }
+
+    /// Bad input in the file as a whole.
+    pub fn bad_file(&self, expected: &str) -> BadInput {
+        BadInput::file(&self.file, expected)
     }
 
     fn missing(&self, key: &str, what: &str) -> BadInput {

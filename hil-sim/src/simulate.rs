@@ -31,13 +31,35 @@ fn slope(time_s: &[f64], values: &[f64], row: usize) -> f64 {
     }
 }
 
+/// What is simulated of `rig` where `record` has the inputs.
+pub fn simulated(rig: &Rig, record: &Record) -> Simulated {
+    Simulated {
+        pressure: record.column(record::PRESSURE_REF_PA).is_some(),
+        motion: matches!(rig.load, Load::Weight(_)),
+    }
+}
+
+/// Refuses a pressure that no gas has.
+pub(crate) fn above_vacuum(
+    plant: &Plant,
+    record: &Record,
+    row: usize,
+    pressure: GaugePa<f64>,
+) -> Result<GaugePa<f64>, BadInput> {
+    if pressure.to_absolute(plant.atmospheric).0 > 0.0 {
+        return Ok(pressure);
+    }
+    let expected = format!("a gauge pressure above vacuum, found {}", pressure.0);
+    Err(BadInput {
+        line: record.bad_at(record.time_s()[row], "").line,
+        ..record.bad(record::PRESSURE_PA, &expected)
+    })
+}
+
 impl<'a> Inputs<'a> {
     /// The inputs that `record` has for `rig`.
     pub fn new(rig: &Rig, record: &'a Record) -> Result<Self, BadInput> {
-        let simulated = Simulated {
-            pressure: record.column(record::PRESSURE_REF_PA).is_some(),
-            motion: matches!(rig.load, Load::Weight(_)),
-        };
+        let simulated = simulated(rig, record);
         let plant = Plant::new(rig, simulated)?;
         let time_s = record.time_s();
         let mut inputs = Inputs {
@@ -60,10 +82,11 @@ impl<'a> Inputs<'a> {
             inputs.reference_pa = held(record.require(record::PRESSURE_REF_PA)?);
         } else {
             let measured = filled(record, record::PRESSURE_PA)?;
-            let values = measured.iter().enumerate();
-            inputs.pressure_pa = values
-                .map(|(row, p)| truth(row, *p, 0.0).pressure.0)
-                .collect();
+            for (row, measured_pa) in measured.iter().enumerate() {
+                let pressure = truth(row, *measured_pa, 0.0).pressure;
+                let pressure = above_vacuum(&plant, record, row, pressure)?;
+                inputs.pressure_pa.push(pressure.0);
+            }
         }
         if !simulated.motion {
             let measured = filled(record, record::CONTRACTION)?;
@@ -149,9 +172,7 @@ fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
     let mut present = (0..values.len())
         .filter(|row| !values[*row].is_nan())
         .peekable();
-    let Some(first) = present.peek().copied() else {
-        return Err(record.bad(name, "at least one sample, as it is an input"));
-    };
+    let first = present.peek().copied().unwrap_or(0);
     filled[..first].fill(values[first]);
     while let Some(from) = present.next() {
         let to = present.peek().copied();
@@ -168,6 +189,22 @@ fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
     Ok(filled)
 }
 
+/// An input that is read as it came, but for rounding, comes out as it came.
+fn restore(read: &mut [f64], record: &Record, name: &str, input: bool) {
+    let measured = record.column(name).filter(|_| input).unwrap_or_default();
+    // Atmospheric pressure comes and goes.
+    let scale = if name == record::PRESSURE_PA {
+        1e5
+    } else {
+        1.0
+    };
+    for (read, measured) in read.iter_mut().zip(measured) {
+        if (*read - measured).abs() <= 1e-12 * (scale + measured.abs()) {
+            *read = *measured;
+        }
+    }
+}
+
 /// Simulates `rig` on the times of `record` from its inputs alone: the same columns, with pressure,
 /// contraction and force as the rig's sensors would read them, without noise.
 ///
@@ -178,6 +215,19 @@ fn filled(record: &Record, name: &str) -> Result<Vec<f64>, BadInput> {
 /// # Errors
 /// Rig and record do not fit together, or the record's inputs take the plant out of physics.
 pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, BadInput> {
+    simulate_with(rig, record, tolerance, || ())
+}
+
+/// As [`simulate`]; `row_done` is called after each row.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_with(
+    rig: &Rig,
+    record: &Record,
+    tolerance: f64,
+    mut row_done: impl FnMut(),
+) -> Result<Record, BadInput> {
     let inputs = Inputs::new(rig, record)?;
     let initial = initial::estimate(rig, record, &inputs)?;
     let rows = record.time_s().len();
@@ -194,6 +244,7 @@ pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, Ba
         for (column, value) in columns.iter_mut().zip(values) {
             column.push(value);
         }
+        row_done();
     };
     inputs
         .run(plant, &initial, tolerance, rows, visit)
@@ -204,7 +255,15 @@ pub fn simulate(rig: &Rig, record: &Record, tolerance: f64) -> Result<Record, Ba
             )
         })?;
     let mut simulated = record.clone();
-    let [pressure_pa, contraction, force_n, temperature_k] = columns;
+    let [mut pressure_pa, mut contraction, force_n, temperature_k] = columns;
+    let which = inputs.simulated;
+    restore(
+        &mut pressure_pa,
+        record,
+        record::PRESSURE_PA,
+        !which.pressure,
+    );
+    restore(&mut contraction, record, record::CONTRACTION, !which.motion);
     simulated.set(record::PRESSURE_PA, pressure_pa);
     simulated.set(record::CONTRACTION, contraction);
     simulated.set(record::FORCE_N, force_n);

@@ -163,14 +163,23 @@ fn help_completions_and_bad_arguments() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     for command in [
-        "run", "hil", "record", "replay", "paper", "design", "simulate", "rig",
+        "run",
+        "hil",
+        "record",
+        "replay",
+        "paper",
+        "design",
+        "simulate",
+        "rig",
+        "completions",
     ] {
-        assert!(
-            stdout(path, &[command, "--help"]).contains("hil-sim"),
-            "{command}"
-        );
+        let help = stdout(path, &[command, "--help"]);
+        let examples = help.split("Example").nth(1).unwrap_or_default();
+        let example = format!("  hil-sim {command}");
+        assert!(examples.contains(&example), "{command}: {help}");
         assert!(stdout(path, &["--help"]).contains(command), "{command}");
     }
+    assert!(stdout(path, &["rig", "new", "--help"]).contains("  hil-sim rig new"));
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         assert!(
             stdout(path, &["completions", shell]).contains("simulate"),
@@ -180,6 +189,9 @@ fn help_completions_and_bad_arguments() {
     for args in [
         ["run", "--travel", "NaN"],
         ["run", "--duration", "-1"],
+        ["run", "--duration", "0"],
+        ["run", "--duration", "0.004"],
+        ["design", "--mass", "1e-310"],
         ["run", "--finger", "nothing.csv"],
         ["run", "--output-delay", "0.011"],
     ] {
@@ -256,4 +268,264 @@ fn a_run_is_replayed_without_a_difference() {
     assert!(refused(path, &["replay", "half.csv"]).contains("half.csv:2: expected None"));
     std::fs::write(path.join("bare.csv"), "time_s,pressure_pa\n0,1\n").expect("written");
     assert!(refused(path, &["replay", "bare.csv"]).contains("bridge_count"));
+}
+
+/// The reference rig in a folder as rig.toml, with something replaced.
+fn rig_file(folder: &Path, from: &str, to: &str) {
+    let rig = hil_sim::rig::Rig::REFERENCE_TOML;
+    assert!(rig.contains(from), "{from}");
+    std::fs::write(folder.join("rig.toml"), rig.replacen(from, to, 1)).expect("written");
+}
+
+/// Runs `simulate` on rig.toml and the record `drive`: what is on stdout, and the record's text.
+fn simulated(folder: &Path, drive: &str) -> (String, String) {
+    std::fs::write(folder.join("d.csv"), drive).expect("written");
+    let args = "simulate --rig rig.toml --drive d.csv --out s.csv";
+    let words = stdout(folder, &args.split(' ').collect::<Vec<_>>());
+    let record = std::fs::read_to_string(folder.join("s.csv")).expect("a record");
+    (words, record)
+}
+
+const DRIVE: &str = "time_s,pressure_ref_pa\n0,100000\n0.1,200000\n";
+
+#[test]
+fn the_stability_limit_is_one_of_stiffness_times_gain() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let limits = |gain: &str| {
+        rig_file(folder.path(), "gain = 20.0", &format!("gain = {gain}"));
+        let design = json(folder.path(), &["design", "--rig", "rig.toml", "--json"]);
+        design["stiffness_gain_limits"].clone()
+    };
+    let paper = limits("20.0");
+    assert!(
+        (number(&paper["without_delay_n_per_m"]) - 8394.0).abs() < 20.0,
+        "{paper}"
+    );
+    assert!(
+        (number(&paper["with_one_tick_n_per_m"]) - 6414.0).abs() < 20.0,
+        "{paper}"
+    );
+    assert_eq!(paper, limits("0.07"));
+    assert_eq!(paper, limits("0.0"));
+    let words = stdout(folder.path(), &["design", "--rig", "rig.toml"]);
+    assert!(
+        words.contains("too soft") && !words.contains("inf"),
+        "{words}"
+    );
+}
+
+#[test]
+fn a_start_without_measured_pressure_is_what_the_valve_gives() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    rig_file(path, "kind", "kind");
+    let begin = |drive: &str| {
+        let (_, record) = simulated(path, drive);
+        let mut reader = csv::Reader::from_reader(record.as_bytes());
+        let header = reader.headers().expect("a header").clone();
+        let column = header.iter().position(|name| name == "pressure_pa");
+        let row = reader.records().next().expect("a row").expect("cells");
+        let cell = row.get(column.expect("the column")).expect("a cell");
+        cell.parse::<f64>().expect("a number")
+    };
+    for (reference_pa, begins_pa) in [("8e5", 5e5), ("-1e8", 0.0), ("3e5", 3e5)] {
+        let drive = format!("time_s,pressure_ref_pa\n0,{reference_pa}\n0.01,2e5\n");
+        assert!((begin(&drive) - begins_pa).abs() < 1e-6, "{reference_pa}");
+    }
+    let measured = "time_s,pressure_ref_pa,supply_pa\n0,8e5,4e5\n0.01,2e5,4e5\n";
+    assert!((begin(measured) - 4e5).abs() < 1e-6);
+}
+
+#[test]
+fn inputs_are_no_gap_and_a_constant_has_no_percentage() {
+    let folder = tempfile::tempdir().expect("a folder");
+    rig_file(folder.path(), "\"weight\"", "\"prescribed\"");
+    let drive = "time_s,pressure_pa,contraction,force_n\n0,123456.7,0.1,10\n\
+                 0.01,133333.3,0.11,10\n0.02,123456.1,0.12,10\n";
+    let (words, record) = simulated(folder.path(), drive);
+    assert!(!words.contains("pressure misses"), "{words}");
+    assert!(
+        words.contains("force misses") && !words.contains("inf"),
+        "{words}"
+    );
+    assert!(record.contains("0,123456.7,0.1,"), "{record}");
+    // What it wrote it meets to the last bit, and says so.
+    let (words, _) = simulated(folder.path(), &record);
+    assert!(
+        words.contains("force misses the measured one by 0 N RMS"),
+        "{words}"
+    );
+}
+
+#[test]
+fn optional_columns_without_a_sample_are_absent() {
+    let folder = tempfile::tempdir().expect("a folder");
+    rig_file(folder.path(), "kind", "kind");
+    simulated(
+        folder.path(),
+        "time_s,pressure_ref_pa,supply_pa\n0,1e5,\n0.01,1e5,\n",
+    );
+    simulated(
+        folder.path(),
+        "time_s,pressure_ref_pa,pressure_pa\n0,,1e5\n0.01,,1.1e5\n",
+    );
+    let note = "time_s,pressure_ref_pa,note\n0,1e5,5\" hose\n0.01,1e5,x\n";
+    assert!(simulated(folder.path(), note).1.contains("hose"));
+}
+
+#[test]
+fn outputs_take_no_inputs_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    rig_file(path, "kind", "kind");
+    std::fs::write(path.join("d.csv"), DRIVE).expect("written");
+    for outputs in [
+        "--out d.csv",
+        "--out ./rig.toml",
+        "--out s.csv --report s.csv",
+        "--out s.csv --report no/gap.html",
+    ] {
+        let args = format!("simulate --rig rig.toml --drive d.csv {outputs}");
+        let output = hil_sim(path, &args.split(' ').collect::<Vec<_>>());
+        assert_eq!(output.status.code(), Some(2), "{outputs}");
+        assert!(!path.join("s.csv").exists(), "{outputs}");
+    }
+    let drive = std::fs::read_to_string(path.join("d.csv")).expect("a record");
+    assert_eq!(drive, DRIVE);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_stay_and_streams_are_written_to() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    rig_file(path, "kind", "kind");
+    std::fs::write(path.join("d.csv"), DRIVE).expect("written");
+    std::fs::write(path.join("real.csv"), "").expect("written");
+    std::os::unix::fs::symlink("real.csv", path.join("link.csv")).expect("a link");
+    let out = |out: &str| {
+        let args = [
+            "simulate", "--rig", "rig.toml", "--drive", "d.csv", "--out", out,
+        ];
+        stdout(path, &args)
+    };
+    out("link.csv");
+    assert!(path.join("link.csv").is_symlink());
+    let record = std::fs::read_to_string(path.join("real.csv")).expect("a record");
+    assert!(record.starts_with("time_s,"));
+    assert!(out("/dev/stdout").starts_with(&record));
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn paths_need_not_be_text() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("d.csv"), DRIVE).expect("written");
+    let rig = std::ffi::OsStr::from_bytes(b"\xff.toml");
+    std::fs::write(path.join(rig), hil_sim::rig::Rig::REFERENCE_TOML).expect("written");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_hil-sim"));
+    command
+        .current_dir(path)
+        .args(["simulate", "--rig"])
+        .arg(rig);
+    command.args(["--drive", "d.csv", "--out", "s.csv", "--report", "r.html"]);
+    let output = command.output().expect("the command runs");
+    assert_eq!(output.status.code(), Some(0));
+}
+
+#[test]
+fn run_tells_a_fault_and_moves_a_recorded_clock() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    rig_file(path, "kind", "kind");
+    let run = |begin_s: f64, more: &[&str]| {
+        let rows = (0..300).map(|row| {
+            let time_s = 0.01 * f64::from(row);
+            format!("{},{}\n", begin_s + time_s, 0.12 * time_s.min(1.0))
+        });
+        let record = "time_s,finger_m\n".to_owned() + &rows.collect::<String>();
+        std::fs::write(path.join("f.csv"), record).expect("written");
+        let args = ["run", "--rig", "rig.toml", "--finger", "f.csv"];
+        json(path, &[&args, more, &["--json"]].concat())["runs"][0].clone()
+    };
+    for begin_s in [0.0, 1.7e9] {
+        let moved = run(begin_s, &[]);
+        assert_eq!(moved["fault"], serde_json::Value::Null, "{moved}");
+        assert_eq!(moved["mode"], "Assisting");
+        assert!(number(&moved["tracking"]["lift_m_max"]) > 0.02, "{moved}");
+    }
+    // A finger that leans on the lever from the start.
+    std::fs::write(path.join("f.csv"), "time_s,finger_m\n0,0.05\n20,0.05\n").expect("written");
+    let args = ["run", "--rig", "rig.toml", "--finger", "f.csv"];
+    let words = stdout(path, &args);
+    assert!(words.contains("stopped assisting (LoadedLever)"), "{words}");
+    let summary = json(path, &[&args[..], &["--json"]].concat());
+    assert_eq!(summary["runs"][0]["fault"], "LoadedLever");
+}
+
+#[test]
+fn run_and_paper_give_the_same_figures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let paper = json(folder.path(), &["paper", "--json"]);
+    let tracking = |args: &[&str]| json(folder.path(), args)["runs"][1]["tracking"].clone();
+    let run = tracking(&["run", "--json"]);
+    assert_eq!(paper["valves"][1]["tracking"], run);
+    assert_eq!(tracking(&["run", "--duration", "20", "--json"]), run);
+}
+
+#[test]
+fn a_rig_that_cannot_run_is_bad_input_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let refused = |rig: &str, says: &str| {
+        std::fs::write(folder.path().join("rig.toml"), rig).expect("written");
+        let output = hil_sim(folder.path(), &["run", "--rig", "rig.toml"]);
+        let message = String::from_utf8(output.stderr).expect("text");
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        assert!(message.contains(says), "{message}");
+    };
+    let rig = hil_sim::rig::Rig::REFERENCE_TOML;
+    let high = rig.replace("supply_pressure_pa = 5.0e5", "supply_pressure_pa = 5.0e6");
+    let line = 1 + high
+        .lines()
+        .position(|line| line.starts_with("supply"))
+        .expect("the key");
+    let says = format!("rig.toml:{line}: key `valve.supply_pressure_pa`");
+    refused(&high, &says);
+    let stiff = rig
+        .replace("volume_d1_m3 = -9.90e-4", "volume_d1_m3 = 0.0")
+        .replace("volume_d2_m3 = 7.005e-4", "volume_d2_m3 = 0.0")
+        .replace("volume_d3_m3 = 2.30e-5", "volume_d3_m3 = 1e-12")
+        .replace(
+            "flow_gain_kg_per_pa_s = 1.3e-7",
+            "flow_gain_kg_per_pa_s = 1e-3",
+        );
+    refused(
+        &stiff,
+        "rig.toml: expected a rig whose plant can be followed",
+    );
+    refused(&(rig.to_owned() + &VALVE_LAG.repeat(37)), "key `effect`");
+}
+
+const VALVE_LAG: &str = "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = 0.01\n";
+
+#[test]
+fn the_papers_report_of_another_rig_says_whose_numbers_they_are() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    rig_file(path, "mass_kg = 12.0", "mass_kg = 8.0");
+    stdout(path, &["paper", "--rig", "rig.toml"]);
+    let report = std::fs::read_to_string(path.join("out/report.html")).expect("a report");
+    assert!(!report.contains("with 12 kg") && report.contains("with 8 kg"));
+    assert!(report.contains("paper --rig rig.toml"));
+}
+
+#[test]
+fn a_long_run_has_a_report_of_a_screens_points() {
+    let folder = tempfile::tempdir().expect("a folder");
+    stdout(folder.path(), &["run", "--duration", "200"]);
+    let report = std::fs::metadata(folder.path().join("out/report.html")).expect("a report");
+    assert!(report.len() < 2_000_000, "{} bytes", report.len());
 }

@@ -169,7 +169,7 @@ const RIGS: [(&str, &str, &str); 33] = [
 ];
 
 /// Whole records, and what the message must say.
-const RECORDS: [(&str, &str); 24] = [
+const RECORDS: [(&str, &str); 32] = [
     ("", ":1: expected a"),
     ("\n\n\n", ":1: expected a"),
     (
@@ -209,7 +209,7 @@ const RECORDS: [(&str, &str); 24] = [
         ":1: expected a header line with a column `time_s`",
     ),
     (
-        "time_s,pressure_ref_pa\n0,\n",
+        "time_s,pressure_ref_pa\n0,\n1,1e5\n",
         ":2: column `pressure_ref_pa`: expected a reference",
     ),
     (
@@ -259,6 +259,41 @@ const RECORDS: [(&str, &str); 24] = [
     (
         "time_s,pressure_ref_pa,contraction\n0,0,7\n",
         ":2: column `contraction`: expected a number",
+    ),
+    // Milliseconds, microseconds.
+    (
+        "time_s,pressure_ref_pa\n0,1e5\n1e9,2e5\n2e9,1e5\n",
+        ":3: column `time_s`: expected seconds, at most 10000 from row to row",
+    ),
+    // Blank lines are no rows, and lines all the same.
+    (
+        "time_s,pressure_ref_pa\n\n\n0,abc\n",
+        ":4: column `pressure_ref_pa`: expected a number",
+    ),
+    (
+        "time_s,pressure_ref_pa\r\n\r\n0,1e5\r\n1,abc\r\n",
+        ":4: column `pressure_ref_pa`: expected a number",
+    ),
+    (
+        "time_s,pressure_ref_pa,note\n0,1e5,\"a\nb\"\n\n1,1e5\n",
+        ":5: expected 3 cells",
+    ),
+    (
+        "time_s,pressure_ref_pa\n\n0,\n1,1e5\n",
+        ":3: column `pressure_ref_pa`: expected a reference in the first row",
+    ),
+    // Below vacuum.
+    (
+        "time_s,pressure_pa\n0,1e5\n\n1,-1e7\n",
+        ":4: column `pressure_pa`: expected a gauge pressure above vacuum",
+    ),
+    (
+        "time_s,pressure_ref_pa,pressure_pa\n0,1e5,\n0.1,1e5,-2e5\n",
+        ":3: column `pressure_pa`: expected a gauge pressure above vacuum",
+    ),
+    (
+        "time_s,pressure_ref_pa,note\n0,1e5,5\" hose\n1,1e5,\"x\n",
+        ":3: expected a closing quote",
     ),
 ];
 
@@ -359,6 +394,11 @@ fn malformed_records_are_refused_in_one_line() {
         let result = run(folder.path(), rig, record.as_bytes());
         assert_refused(result, "drive.csv", says);
     }
+    let rows = (0..103).map(|row| format!("{},1e5\n", 9_999 * row));
+    let long = "time_s,pressure_ref_pa\n".to_owned() + &rows.collect::<String>();
+    let result = run(folder.path(), rig, long.as_bytes());
+    let says = ":103: column `time_s`: expected seconds, at most 1000000 in all";
+    assert_refused(result, "drive.csv", says);
     let result = run(folder.path(), rig, b"time_s,pressure_ref_pa\n0,\xff\n");
     assert_refused(result, "drive.csv", ":2: expected text in UTF-8");
 }

@@ -483,7 +483,7 @@ fn a_fault_during_a_vent_that_was_asked_for_is_latched() {
 #[test]
 fn a_sensor_that_is_wrong_in_two_of_three_readings_fails() {
     let corrupt = |sensors: &mut Sensors, tick: u32| {
-        if tick % 3 != 0 {
+        if !tick.is_multiple_of(3) {
             sensors.bridge = AdcCount(0);
         }
     };

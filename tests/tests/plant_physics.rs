@@ -385,9 +385,10 @@ fn input_stiffness_limits_are_those_of_the_reading() {
                 .expect("a complete rig")
                 .expect("an equilibrium");
             let limit =
-                design::input_stiffness_limit_n_per_m(&rig, assist, &linear, 0.01, delay_ticks)
+                design::stiffness_gain_limit_n_per_m(&rig, assist, &linear, 0.01, delay_ticks)
                     .expect("a complete rig")
-                    .expect("a limit");
+                    .expect("a limit")
+                    / assist.gain;
             assert!(
                 range.contains(&limit),
                 "{delay_ticks} {pressure_pa}: {limit}"

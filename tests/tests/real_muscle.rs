@@ -5,7 +5,7 @@ use hil_sim::gap::gaps;
 use hil_sim::plant::simulation::TOLERANCE;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
+use hil_sim::simulate::{simulate, simulated as simulated_of};
 use std::path::{Path, PathBuf};
 
 /// The folder of the measured sets, or a loud line.
@@ -46,7 +46,7 @@ fn eq_1_on_a_real_muscle_misses_what_the_readme_says() {
                 .zip(force_n)
                 .all(|(law_n, force_n)| (law_n - force_n).abs() < 1e-6)
         );
-        let gaps = gaps(&measured, &simulated);
+        let gaps = gaps(&measured, &simulated, simulated_of(&rig, &measured));
         assert_eq!(gaps.len(), 1, "pressure and contraction are inputs");
         let missed_percent = 100.0 * gaps[0].rms / gaps[0].range;
         assert!(

@@ -4,8 +4,11 @@ use crate::Failure;
 use clap::CommandFactory;
 use clap_complete::{Shell, generate};
 
-/// Example: hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim
+/// Shell completions
 #[derive(clap::Args)]
+#[command(after_help = "\
+Example:
+  hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim")]
 pub struct Args {
     /// The shell
     shell: Shell,
@@ -15,6 +18,5 @@ pub struct Args {
 pub fn run<Cli: CommandFactory>(args: &Args) -> Result<(), Failure> {
     let mut script = Vec::new();
     generate(args.shell, &mut Cli::command(), "hil-sim", &mut script);
-    super::print(&String::from_utf8_lossy(&script));
-    Ok(())
+    Ok(super::print(&String::from_utf8_lossy(&script))?)
 }

@@ -212,7 +212,7 @@ fn one(
     let summary = RunSummary {
         name: name.into(),
         tracking: run.tracking,
-        record: super::shown(&path),
+        record: path.display().to_string(),
         stopped,
         board: report,
         differing_ticks: differing.differing_ticks,
@@ -294,5 +294,5 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
         board,
         runs: summaries,
     };
-    args.common.finish(&report, &summary)
+    args.common.finish(report, &summary)
 }

@@ -13,11 +13,13 @@ pub mod simulate;
 
 use crate::Failure;
 use hil_sim::error::BadInput;
-use hil_sim::output::write_atomically;
+use hil_sim::output::{NotWritten, write_atomically};
 use hil_sim::report::Report;
 use hil_sim::rig::Rig;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::time::Duration;
 
 /// Which rig, and where results go.
 #[derive(clap::Args)]
@@ -65,32 +67,86 @@ impl Common {
     }
 
     /// Writes report.html and prints the summary, in words or as JSON.
-    fn finish(&self, report: &Report, summary: &impl Serialize) -> Result<(), Failure> {
+    fn finish(&self, mut report: Report, summary: &impl Serialize) -> Result<(), Failure> {
         let path = self.path("report.html")?;
+        report.repeat = vec![this_command()];
         write_atomically(&path, report.to_html().as_bytes())?;
         if self.json {
-            print_json(summary);
+            print_json(summary)?;
         } else {
-            print(&report.to_text());
+            print(&report.to_text())?;
         }
         eprintln!("report: {}", path.display());
         Ok(())
     }
 }
 
-/// Prints results. A reader that has gone (`| head`) is no error.
-fn print(text: &str) {
-    use std::io::Write;
-    let _ = std::io::stdout().write_all(text.as_bytes());
+/// The command that was given, for a shell to repeat.
+fn this_command() -> String {
+    let words = std::env::args_os().map(|word| {
+        let word = word.to_string_lossy().into_owned();
+        let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_./=:,+@%".contains(&byte);
+        if !word.is_empty() && word.bytes().all(plain) {
+            word
+        } else {
+            format!("'{}'", word.replace('\'', "'\\''"))
+        }
+    });
+    words.collect::<Vec<_>>().join(" ")
 }
 
-fn print_json(summary: &impl Serialize) {
+/// Prints results. A reader that has gone (`| head`) is no error.
+fn print(text: &str) -> Result<(), NotWritten> {
+    use std::io::{ErrorKind, Write};
+    let mut stdout = std::io::stdout();
+    let written = stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush());
+    match written {
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => Err(NotWritten {
+            path: "stdout".into(),
+            source,
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn print_json(summary: &impl Serialize) -> Result<(), NotWritten> {
     // Summaries are plain structs of numbers and words, which JSON can always hold.
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
-    print(&(json + "\n"));
+    print(&(json + "\n"))
 }
 
-/// Rewrites a path for a message.
-fn shown(path: &Path) -> String {
-    path.display().to_string()
+/// What is done of `doing`, of `length`: drawn on a terminal once it has taken a second, gone when
+/// it is dropped.
+struct Progress(ProgressBar);
+
+impl Progress {
+    fn new(doing: &'static str, length: u64) -> Progress {
+        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
+        // The template is a constant: it is valid, or the bar has its default look.
+        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %, {eta}") {
+            bar.set_style(style);
+        }
+        bar.set_message(doing);
+        let later = bar.clone();
+        std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_secs(1));
+            if !later.is_finished() {
+                later.set_draw_target(ProgressDrawTarget::stderr());
+                later.enable_steady_tick(Duration::from_millis(200));
+            }
+        });
+        Progress(bar)
+    }
+
+    fn step(&self) {
+        self.0.inc(1);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
 }

@@ -7,6 +7,10 @@ use hil_sim::paper::paper;
 
 /// The paper's figures and numbers, ours beside what it says
 #[derive(clap::Args, Default)]
+#[command(after_help = "\
+Examples:
+  hil-sim paper
+  hil-sim paper --rig rig.toml --out my-rig --json")]
 pub struct Args {
     #[command(flatten)]
     common: Common,
@@ -15,10 +19,11 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = args.common.rig()?;
-    let (report, summary, runs) = paper(&rig, &Experiment::PAPER)?;
+    let (report, summary, runs) =
+        paper(&rig, &Experiment::PAPER).map_err(|error| error.of(&rig))?;
     for run in &runs {
         let name = format!("{}.csv", run.name.replace(' ', "-"));
         record(&run.settings, &run.ticks).write(&args.common.path(&name)?)?;
     }
-    args.common.finish(&report, &summary)
+    args.common.finish(report, &summary)
 }

@@ -74,21 +74,21 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let replayable = listen(args, &mut board, &mut timeline, &mut recorder)?;
     let summary = Summary {
         board: words,
-        record: super::shown(&args.out),
+        record: args.out.display().to_string(),
         ticks: recorder.finish()?,
         replayable,
         link: board.line.counts(),
     };
     if args.json {
-        super::print_json(&summary);
+        super::print_json(&summary)?;
     } else {
         let (ticks, record) = (summary.ticks, &summary.record);
         let lost = summary.link.telemetry_lost;
         super::print(&format!(
             "{ticks} ticks in {record}, {lost} lost on the way.\n"
-        ));
+        ))?;
         if !replayable {
-            super::print("It cannot be replayed: see --from-start.\n");
+            super::print("It cannot be replayed: see --from-start.\n")?;
         }
     }
     Ok(())
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// Measurements cannot be had again: they are not overwritten by mistake.
 fn check_name(args: &Args) -> Result<(), BadInput> {
-    let bad = |expected: &str| Err(BadInput::file(super::shown(&args.out), expected));
+    let bad = |expected: &str| Err(BadInput::file(args.out.display().to_string(), expected));
     if args.out.extension().is_some_and(|ending| ending == "mcap") {
         return bad("a name for the CSV file: the MCAP file will stand beside it");
     }

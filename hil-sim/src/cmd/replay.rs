@@ -62,9 +62,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ("this PC".into(), replay)
     };
     if args.json {
-        super::print_json(&Summary { on, replay });
+        super::print_json(&Summary { on, replay })?;
     } else {
-        super::print(&format!("On {on}: {}\n", replay.verdict()));
+        super::print(&format!("On {on}: {}\n", replay.verdict()))?;
     }
     Ok(())
 }

@@ -1,6 +1,5 @@
 //! `hil-sim rig`.
 
-use super::shown;
 use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::output::write_atomically;
@@ -9,6 +8,10 @@ use std::path::PathBuf;
 
 /// Rig files
 #[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim rig new my-rig.toml
+  hil-sim rig check my-rig.toml")]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
@@ -17,6 +20,7 @@ pub struct Args {
 #[derive(clap::Subcommand)]
 enum Command {
     /// Write the paper's rig, commented, as a start for your own
+    #[command(after_help = "Example:\n  hil-sim rig new my-rig.toml")]
     New {
         /// The file to write
         #[arg(default_value = "rig.toml")]
@@ -26,6 +30,7 @@ enum Command {
         force: bool,
     },
     /// Read a rig file and say what is wrong with it
+    #[command(after_help = "Example:\n  hil-sim rig check my-rig.toml")]
     Check {
         /// The file to read
         path: PathBuf,
@@ -38,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Command::New { path, force } => {
             if path.exists() && !force {
                 let expected = "no file here, or --force to overwrite it";
-                return Err(BadInput::file(shown(path), expected).into());
+                return Err(BadInput::file(path.display().to_string(), expected).into());
             }
             write_atomically(path, Rig::REFERENCE_TOML.as_bytes())?;
             eprintln!("written: {}", path.display());
@@ -46,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Command::Check { path } => {
             let rig = Rig::read(path)?;
             let effects = rig.effects.len();
-            super::print(&format!("{}: a rig, {effects} effects\n", path.display()));
+            super::print(&format!("{}: a rig, {effects} effects\n", path.display()))?;
         }
     }
     Ok(())

@@ -1,12 +1,14 @@
 //! `hil-sim run`.
 
-use super::Common;
+use super::{Common, Progress};
 use crate::Failure;
-use hil_sim::closed_loop::{Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::closed_loop::{CHECKED_S, Error, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
+use hil_sim::output::same_file;
 use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
 use hil_sim::record::{FINGER_M, Record};
 use hil_sim::report::{Report, Section};
+use hil_sim::rig::Rig;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -33,7 +35,12 @@ pub struct Scenario {
     #[arg(long, value_name = "REC.csv", conflicts_with_all = ["travel", "rise", "hold", "lower"])]
     finger: Option<PathBuf>,
     /// How far the finger lifts [m]
-    #[arg(long, default_value_t = 0.12, value_parser = between(-1.0, 1.0))]
+    #[arg(
+        long,
+        default_value_t = 0.12,
+        value_parser = between(-1.0, 1.0),
+        allow_negative_numbers = true
+    )]
     travel: f64,
     /// How long it takes to lift [s]
     #[arg(long, default_value_t = 1.0, value_parser = between(0.0, 1e3))]
@@ -45,7 +52,7 @@ pub struct Scenario {
     #[arg(long, default_value_t = 1.5, value_parser = between(0.0, 1e3))]
     lower: f64,
     /// Duration [s]; as long as the finger moves if left out
-    #[arg(long, value_parser = between(0.0, 1e3))]
+    #[arg(long, value_parser = between(TICK_S, DURATION_S_MAX))]
     duration: Option<f64>,
     /// Stiffness of the person's arm [N/m]; infinite if left out
     #[arg(long, value_parser = between(0.0, 1e5))]
@@ -61,6 +68,9 @@ pub struct Scenario {
     #[arg(long, default_value_t = Experiment::PAPER.seed)]
     pub seed: u64,
 }
+
+/// The longest run \[s\].
+const DURATION_S_MAX: f64 = 1e3;
 
 /// Reads a number from `min` to `max`.
 pub fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
@@ -80,36 +90,40 @@ struct Summary {
 struct RunSummary {
     name: String,
     tracking: Tracking,
+    /// The controller's mode at the end.
+    mode: Option<String>,
+    /// The fault that it latched.
+    fault: Option<String>,
     record: String,
 }
 
 impl Scenario {
     /// The experiment that the arguments ask for.
     pub fn experiment(&self) -> Result<Experiment, BadInput> {
-        let start_s = 1.0;
         let (finger, ends_s) = match &self.finger {
             None => {
                 let finger = Finger::Lift {
-                    start_s,
+                    start_s: CHECKED_S,
                     travel_m: self.travel,
                     rise_s: self.rise.max(TICK_S),
                     hold_s: self.hold,
                     lower_s: self.lower.max(TICK_S),
                 };
-                (finger, start_s + self.rise + self.hold + self.lower + 1.0)
+                (finger, CHECKED_S + self.rise + self.hold + self.lower + 1.0)
             }
             Some(path) => {
                 let recorded = Record::read(path)?;
                 let path = recorded.require(FINGER_M)?.iter().zip(recorded.time_s());
                 let present = path.filter(|(finger_m, _)| !finger_m.is_nan());
                 let (finger_m, time_s): (Vec<f64>, Vec<f64>) = present.unzip();
-                let Some(ends_s) = time_s.last().copied() else {
-                    return Err(recorded.bad(FINGER_M, "at least one sample, found none"));
-                };
-                (
-                    Finger::Recorded { time_s, finger_m },
-                    ends_s.clamp(TICK_S, 1e4),
-                )
+                let finger = Finger::recorded(&time_s, finger_m);
+                let ends_s = finger.followed_s().end;
+                if ends_s > DURATION_S_MAX && self.duration.is_none() {
+                    let expected =
+                        format!("a path of at most {DURATION_S_MAX} s, or --duration, found more");
+                    return Err(recorded.bad(FINGER_M, &expected));
+                }
+                (finger, ends_s)
             }
         };
         Ok(Experiment {
@@ -128,22 +142,33 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let common = &args.common;
     let rig = common.rig()?;
     let experiment = args.scenario.experiment()?;
+    let runs = runs(args, &rig, &experiment).map_err(|error| error.of(&rig))?;
     eprintln!("seed: {}", args.scenario.seed);
-    let runs = match common.rig {
-        None => both_valves(&rig, &experiment)?,
-        Some(_) => vec![assist("assist", &rig, &experiment)?],
-    };
     let mut summary = Summary {
         seed: args.scenario.seed,
         runs: Vec::new(),
     };
     for run in &runs {
         let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
+        if args
+            .scenario
+            .finger
+            .as_ref()
+            .is_some_and(|finger| same_file(finger, &path))
+        {
+            let expected = "another --out, as the finger's record would be overwritten";
+            return Err(BadInput::file(path.display().to_string(), expected).into());
+        }
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
             name: run.name.clone(),
             tracking: run.tracking,
-            record: super::shown(&path),
+            mode: run
+                .ticks
+                .last()
+                .map(|tick| format!("{:?}", tick.output.mode)),
+            fault: fault(run),
+            record: path.display().to_string(),
         });
     }
     let report = Report {
@@ -157,7 +182,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             tables: vec![tracking_table(&runs)],
             plots: assist_plots(&runs),
         }],
-        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+        repeat: Vec::new(),
     };
-    common.finish(&report, &summary)
+    common.finish(report, &summary)
+}
+
+/// Both of the paper's valves, or the rig's.
+fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
+    let valves = if args.common.rig.is_none() { 2.0 } else { 1.0 };
+    let ticks = (valves * experiment.duration_s / TICK_S) as u64;
+    let progress = Progress::new("running", ticks);
+    match args.common.rig {
+        None => both_valves(rig, experiment, &|| progress.step()),
+        Some(_) => Ok(vec![assist("assist", rig, experiment, &|| {
+            progress.step()
+        })?]),
+    }
+}
+
+/// The fault that the controller had latched at the end of a run.
+fn fault(run: &AssistRun) -> Option<String> {
+    let fault = run.ticks.last()?.output.fault?;
+    Some(format!("{fault:?}"))
 }

@@ -1,13 +1,15 @@
 //! `hil-sim simulate`.
 
+use super::Progress;
 use crate::Failure;
+use hil_sim::error::BadInput;
 use hil_sim::gap;
-use hil_sim::output::write_atomically;
+use hil_sim::output::{same_file, write_atomically};
 use hil_sim::plant::simulation::TOLERANCE;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
-use std::path::PathBuf;
+use hil_sim::simulate::{self, simulate_with};
+use std::path::{Path, PathBuf};
 
 /// Run the plant from a record's inputs alone
 ///
@@ -47,21 +49,52 @@ fn tolerance(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Refuses outputs that would take the place of an input or of each other, or have no folder.
+fn check_outputs(args: &Args) -> Result<(), BadInput> {
+    let bad = |path: &Path, expected: &str| {
+        let file = path.display().to_string();
+        Err(BadInput::file(file, expected))
+    };
+    for output in [Some(&args.out), args.report.as_ref()]
+        .into_iter()
+        .flatten()
+    {
+        if same_file(output, &args.drive) || same_file(output, &args.rig) {
+            return bad(output, "an output that is not an input too");
+        }
+        let folder = output.parent().unwrap_or(output);
+        if output.is_dir() || !(folder.as_os_str().is_empty() || folder.is_dir()) {
+            return bad(output, "a file in a folder that is there");
+        }
+    }
+    match &args.report {
+        Some(report) if same_file(report, &args.out) => {
+            bad(report, "a report beside --out, not in its place")
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = Rig::read(&args.rig)?;
     let record = Record::read(&args.drive)?;
-    let simulated = simulate(&rig, &record, args.tolerance)?;
-    let gaps = gap::gaps(&record, &simulated);
-    let report = gap::report(&record, &simulated, &gaps);
+    check_outputs(args)?;
+    let simulated = {
+        let progress = Progress::new("simulating", record.time_s().len() as u64);
+        simulate_with(&rig, &record, args.tolerance, || progress.step())?
+    };
+    let gaps = gap::gaps(&record, &simulated, simulate::simulated(&rig, &record));
+    let mut report = gap::report(&record, &simulated, &gaps);
+    report.repeat = vec![super::this_command()];
     simulated.write(&args.out)?;
     if let Some(path) = &args.report {
         write_atomically(path, report.to_html().as_bytes())?;
     }
     if args.json {
-        super::print_json(&gaps);
+        super::print_json(&gaps)?;
     } else {
-        super::print(&report.to_text());
+        super::print(&report.to_text())?;
     }
     Ok(())
 }

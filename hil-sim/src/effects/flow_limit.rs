@@ -34,8 +34,8 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "choked-orifice",
             parameters: &[FILLING, EXHAUSTING],
             source: "Upper limits of the flow by ISO 6358-1 with the sonic conductance as mass \
-                     flow over upstream pressure, for the supply port and the exhaust port, both with \
-                     a critical ratio of 0.3. Leaves out temperature and a rounded onset.",
+                     flow over upstream pressure, for the supply port and the exhaust port, both \
+                     with a critical ratio of 0.3. Leaves out temperature and a rounded onset.",
             build: |values| orifices(values[0], values[1], VALVE_CRITICAL_RATIO, false),
         },
         Form {

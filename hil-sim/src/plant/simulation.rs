@@ -116,7 +116,7 @@ pub struct Simulation {
 enum Core {
     Nominal(Box<Trajectory<NOMINAL_STATES>>),
     Few(Box<Trajectory<8>>),
-    Some(Box<Trajectory<16>>),
+    Several(Box<Trajectory<16>>),
     Many(Box<Trajectory<STATES_MAX>>),
 }
 
@@ -125,7 +125,7 @@ macro_rules! each {
         match $core {
             Core::Nominal($trajectory) => $body,
             Core::Few($trajectory) => $body,
-            Core::Some($trajectory) => $body,
+            Core::Several($trajectory) => $body,
             Core::Many($trajectory) => $body,
         }
     };
@@ -140,7 +140,7 @@ impl Simulation {
         let core = match plant.states() {
             NOMINAL_STATES => Core::Nominal(Trajectory::new(&plant, initial, drive, tolerance)),
             5..=8 => Core::Few(Trajectory::new(&plant, initial, drive, tolerance)),
-            9..=16 => Core::Some(Trajectory::new(&plant, initial, drive, tolerance)),
+            9..=16 => Core::Several(Trajectory::new(&plant, initial, drive, tolerance)),
             17..=STATES_MAX => Core::Many(Trajectory::new(&plant, initial, drive, tolerance)),
             states => panic!("{states} states"),
         };

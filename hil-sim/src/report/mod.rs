@@ -11,6 +11,9 @@ const SCRIPT: &str = include_str!("../../assets/report.js");
 const PLOT_STYLE: &str = include_str!("../../assets/uPlot.min.css");
 const PLOT_SCRIPT: &str = include_str!("../../assets/uPlot.iife.min.js");
 
+/// Points that a thinned line keeps: more than a screen has columns.
+const POINTS_MAX: usize = 4000;
+
 /// Digits that a plotted number keeps: finer than a pixel at any zoom one would use.
 const DIGITS: usize = 6;
 
@@ -105,6 +108,25 @@ impl Series {
             y,
             dashed: false,
         }
+    }
+
+    /// A line thinned to what can be seen: of each stretch its lowest and its highest point.
+    pub fn thinned(name: &str, x: &[f64], y: &[f64]) -> Series {
+        let stretch = (2 * y.len()).div_ceil(POINTS_MAX).max(1);
+        if y.len() <= POINTS_MAX {
+            return Series::new(name, x.to_vec(), y.to_vec());
+        }
+        let mut thinned = Series::new(name, Vec::new(), Vec::new());
+        for (x, y) in x.chunks(stretch).zip(y.chunks(stretch)) {
+            let by_value = |a: &usize, b: &usize| y[*a].total_cmp(&y[*b]);
+            let low = (0..y.len()).min_by(by_value).unwrap_or(0);
+            let high = (0..y.len()).max_by(by_value).unwrap_or(0);
+            for place in [low.min(high), low.max(high)] {
+                thinned.x.push(x[place]);
+                thinned.y.push(y[place]);
+            }
+        }
+        thinned
     }
 
     /// The same, dashed.
