@@ -141,7 +141,7 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
 /// Gauge pressure below which no sensor on a muscle can honestly read \[Pa\]: a valve does not draw
 /// below the atmosphere, a zero is off by a few percent of span at most.
 const PRESSURE_PA_MIN: f32 = -2e4;
-/// Travel below the stop, over the length, that no encoder that counts the right way can read \[-\].
+/// Travel below the stop, over the length, that no encoder can read that counts the right way.
 const TRAVEL_MIN: f32 = -0.02;
 
 /// What is thought of the bridge, the pressure sensor and the encoder.
