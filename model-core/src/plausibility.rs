@@ -26,8 +26,8 @@ pub enum Verdict {
 
 /// What an implausible reading adds to the strikes, of which a plausible one takes one away.
 const STRIKE: u8 = 5;
-/// So many strikes are a failure: a sensor that is wrong in more than one of six readings comes here,
-/// one that is wrong a few times in a second does not.
+/// So many strikes are a failure: a sensor wrong in more than one of six readings comes here, one
+/// that is wrong a few times in a second does not.
 const STRIKES_MAX: u8 = 50;
 
 /// One sensor's recent past.
