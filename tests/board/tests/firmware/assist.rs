@@ -68,7 +68,7 @@ fn assist_on_the_board_equals_the_controller_on_the_pc_bit_for_bit() {
         there
     })
     .expect("the reference rig runs");
-    let tracking = closed_loop::tracking(&plant, &run, 1.0).expect("a weight");
+    let tracking = closed_loop::tracking(&plant, &run, &(1.0..f64::INFINITY)).expect("a weight");
     println!("{tracking:?}, valve up to {:.2} V", board.volts_max);
     assert!(tracking.lift_m_max > 0.03 && board.volts_max > 0.5);
     board.rig.assert_no_errors();
