@@ -280,6 +280,45 @@ fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
 }
 
 #[test]
+fn settings_that_switch_a_check_off_are_refused() {
+    type Change = fn(&mut SettingsValues);
+    let changes: [(&str, Change); 16] = [
+        ("bridge.per_count", |v| v.bridge.per_count = 1e-20),
+        ("bridge.per_count", |v| v.bridge.zero_count = 100.0),
+        ("bridge.per_count", |v| v.finger_force_n_max = 25.0),
+        ("bridge_step_n_max", |v| v.bridge_step_n_max = 50.0),
+        ("pressure_trip_pa", |v| {
+            v.pressure_sensor.zero_count = 4095.0
+        }),
+        ("pressure_trip_pa", |v| v.pressure_sensor.per_count = 150.0),
+        ("pressure_trip_pa", |v| v.pressure_trip_pa = 8e5),
+        ("pressure_step_pa_max", |v| v.pressure_step_pa_max = 6e5),
+        ("pressure_rate_pa_per_s_max", |v| {
+            v.pressure_rate_pa_per_s_max = 1e8
+        }),
+        ("engage_rate_pa_per_s", |v| v.engage_rate_pa_per_s = 6e6),
+        ("vent_rate_pa_per_s", |v| v.vent_rate_pa_per_s = 1e7),
+        ("vented_pa", |v| {
+            (v.pressure_pa_max, v.vented_pa) = (5e4, 1e5)
+        }),
+        ("encoder_m_per_count", |v| v.encoder_m_per_count = -1e-20),
+        ("encoder_stuck_pa", |v| v.lift_pressure_pa_max = 2e6),
+        ("valve_drive.pa_per_v", |v| v.valve_drive.pa_per_v = 1e7),
+        ("stuck_ticks", |v| v.stuck_ticks = 65_535),
+    ];
+    for (setting, change) in changes {
+        let mut values = SettingsValues::reference();
+        change(&mut values);
+        match Settings::new(values) {
+            Err(
+                SettingsError::OutOfRange { name, .. } | SettingsError::Contradiction { name, .. },
+            ) => assert_eq!(name, setting),
+            other => panic!("{setting}: {other:?}"),
+        }
+    }
+}
+
+#[test]
 fn settings_survive_a_round_trip_and_no_flipped_bit_or_cut_does() {
     let mut buffer = [0; ENCODED_LEN_MAX];
     let bytes = reference().encode(&mut buffer).expect("it fits").to_vec();
