@@ -159,9 +159,10 @@ fn from_assisting(findings: &Findings) -> Decision {
 
 /// A hold that was asked for ends when assistance is; one over a suspect reading ends with it.
 fn from_holding(findings: &Findings) -> Decision {
-    let resumes = findings.request == Request::Assist
-        || (findings.bridging && findings.request != Request::Hold);
-    if resumes && !findings.suspect() {
+    let resumes = findings.request == Request::Assist || findings.bridging;
+    if findings.bridging && findings.request == Request::Hold {
+        Decision::Go(Mode::Holding)
+    } else if resumes && !findings.suspect() {
         Decision::Go(Mode::Assisting)
     } else {
         Decision::Stay

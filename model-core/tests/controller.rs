@@ -280,6 +280,26 @@ fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
 }
 
 #[test]
+fn a_hold_that_is_asked_for_outlives_a_bridged_reading() {
+    // Asked for while the reading is suspect, and in the tick in which it is good again.
+    for bad_again in [true, false] {
+        let mut bench = Bench::assisting();
+        let mut sensors = bench.sensors();
+        sensors.bridge = AdcCount(4095);
+        assert_eq!(bench.tick_with(&sensors).mode, Mode::Holding);
+        bench.request = Request::Hold;
+        let mut sensors = bench.sensors();
+        if bad_again {
+            sensors.bridge = AdcCount(4095);
+        }
+        bench.tick_with(&sensors);
+        bench.request = Request::None;
+        assert_eq!(bench.tick().mode, Mode::Holding, "bad again: {bad_again}");
+        assert_eq!(bench.tick().fault, None);
+    }
+}
+
+#[test]
 fn settings_that_switch_a_check_off_are_refused() {
     type Change = fn(&mut SettingsValues);
     let changes: [(&str, Change); 16] = [
