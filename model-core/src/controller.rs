@@ -95,10 +95,9 @@ impl Controller {
 /// See [`Controller::tick`].
 pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
     let values = settings.values();
-    let ticks = 1.0 + sensors.missed_ticks as f32;
 
     // Analyse: what the sensors say, and whether to believe them.
-    let (mut next, verdicts) = sense(values, state, sensors, ticks);
+    let (mut next, verdicts) = sense(values, state, sensors);
     let unready = watch_window(values, &mut next, &verdicts, sensors);
     let contraction = next.encoder.value() / values.muscle.initial_length_m;
     let findings = findings(values, &next, &verdicts, contraction, unready, sensors);
@@ -124,8 +123,7 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
         values.finger_force_n_max,
     );
     let reference_force_n = reference_force_n(values.gain, finger_force_n);
-    state.pressure_ref_pa =
-        next_reference_pa(settings, state, reference_force_n, contraction, ticks);
+    state.pressure_ref_pa = next_reference_pa(settings, state, reference_force_n, contraction);
     let pressure_ref = GaugePa(state.pressure_ref_pa);
     Output {
         valve: values.valve_drive.count(pressure_ref),
@@ -143,13 +141,10 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
 type Verdicts = [Verdict; 3];
 
 /// The state with the sensors' new readings, and what is thought of them.
-fn sense(
-    values: &SettingsValues,
-    state: &State,
-    sensors: &Sensors,
-    ticks: f32,
-) -> (State, Verdicts) {
+fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, Verdicts) {
     let mut next = *state;
+    // Missed ticks widen what is plausible, never what is done.
+    let ticks = 1.0 + sensors.missed_ticks as f32;
     let bounds = |count: AdcCount, step_max: f32| Bounds {
         at_rail: count.0 < RAIL_COUNTS || count.0 > COUNT_MAX - RAIL_COUNTS,
         at_standstill: false,
@@ -302,14 +297,13 @@ fn next_reference_pa(
     state: &mut State,
     reference_force_n: f32,
     contraction: f32,
-    ticks: f32,
 ) -> f32 {
     let values = settings.values();
     let now_pa = state.pressure_ref_pa;
     let next_pa = match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
-        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S * ticks,
+        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S,
         Mode::Assisting => {
             let law = reference_pressure(
                 &values.muscle,
@@ -329,7 +323,7 @@ fn next_reference_pa(
                     .min(values.pressure_rate_pa_per_s_max)
             };
             let way_pa = target_pa - now_pa;
-            let step_pa = limited(way_pa, rate_pa_per_s * TICK_S * ticks);
+            let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == way_pa;
             now_pa + step_pa
         }

@@ -280,6 +280,22 @@ fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
 }
 
 #[test]
+fn missed_ticks_do_not_hurry_the_valve() {
+    for (missed_ticks, mode, step_pa) in [(255, Mode::Venting, 2e3), (2, Mode::Assisting, 5e4)] {
+        let mut bench = Bench::assisting();
+        let before = bench.tick();
+        bench.pressure_pa = before.pressure_ref.0 + 1e3;
+        bench.finger_n = 15.0;
+        let mut sensors = bench.sensors();
+        sensors.missed_ticks = missed_ticks;
+        let after = bench.tick_with(&sensors);
+        assert_eq!(after.mode, mode);
+        let change_pa = (after.pressure_ref.0 - before.pressure_ref.0).abs();
+        assert!((1.0..=step_pa + 0.1).contains(&change_pa), "{change_pa}");
+    }
+}
+
+#[test]
 fn a_hold_that_is_asked_for_outlives_a_bridged_reading() {
     // Asked for while the reading is suspect, and in the tick in which it is good again.
     for bad_again in [true, false] {
