@@ -9,18 +9,20 @@
 
 use crate::assist::reference_force_n;
 use crate::frame::{Output, Sensors};
-use crate::plausibility::{Bounds, Verdict, Watch};
+use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
 use crate::settings::{Settings, SettingsValues, TICK_S};
-use crate::signal::{AdcCount, COUNT_MAX, EncoderCount};
+use crate::signal::{ADC_VALID, AdcCount, EncoderCount};
 use crate::supervisor::{Decision, Fault, Findings, Mode, decide};
 
-/// An ADC reading this close to an end of the scale is a wire's fault.
-const RAIL_COUNTS: u16 = 16;
+/// A gauge pressure below this is none: muscle and valve draw no vacuum.
+const PRESSURE_PA_MIN: f32 = -2e4;
+/// The weight on its stop is within this of ε = 0.
+const STOP_CONTRACTION: f32 = 0.02;
 /// Counts that an encoder at rest may flicker by.
 const FLICKER_COUNTS: u32 = 2;
-/// Ticks after which a vented valve has emptied the muscle, whatever the pressure sensor says.
+/// Ticks after which a vented valve has emptied a muscle whose pressure sensor has failed.
 const EMPTIED_TICKS: u16 = 500;
 
 /// What a controller remembers from tick to tick.
@@ -32,6 +34,8 @@ pub struct State {
     pub mode_ticks: u16,
     /// The latched fault.
     pub fault: Option<Fault>,
+    /// Ticks for which the valve has been vented.
+    pub empty_ticks: u16,
     /// P_r \[Pa\] as commanded by the last tick.
     pub pressure_ref_pa: f32,
     /// The reference has met the assist law: from then on it may move fast.
@@ -46,8 +50,12 @@ pub struct State {
     pub window_ticks: u16,
     /// See `window_ticks`.
     pub window_sum_n: f32,
-    /// The pressure \[Pa\] when the encoder counted last.
-    pub pressure_at_count_pa: f32,
+    /// The encoder's count, and the pressure \[Pa\], when it last moved by more than flicker.
+    pub moved_to: EncoderCount,
+    /// See `moved_to`.
+    pub moved_at_pa: f32,
+    /// Ticks in which the muscle did what nobody asked for.
+    pub uncommanded: Tally,
     /// The strain-gauge bridge \[N\].
     pub bridge: Watch,
     /// The pressure sensor \[Pa\].
@@ -93,15 +101,17 @@ impl Controller {
 }
 
 /// See [`Controller::tick`].
-pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
+fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
     let values = settings.values();
-    let ticks = 1.0 + sensors.missed_ticks as f32;
 
     // Analyse: what the sensors say, and whether to believe them.
-    let (mut next, verdicts) = sense(values, state, sensors, ticks);
-    let unready = watch_window(values, &mut next, &verdicts, sensors);
-    let contraction = next.encoder.value() / values.muscle.initial_length_m;
-    let findings = findings(values, &next, &verdicts, contraction, unready, sensors);
+    let (mut next, verdicts) = sense(values, state, sensors);
+    let unready = match state.mode {
+        Mode::SelfCheck => watch_window(values, &mut next, &verdicts, sensors),
+        _ => watch_rest(values, &mut next),
+    };
+    let findings = findings(values, &next, &verdicts, unready, sensors);
+    let contraction = findings.contraction;
 
     // Decide: the analysis is complete, nothing above this line has had an effect.
     *state = next;
@@ -114,7 +124,9 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
         }
         Decision::Fail(fault) => {
             state.fault = Some(fault);
-            enter(values, state, Mode::Venting);
+            if state.mode != Mode::Venting {
+                enter(values, state, Mode::Venting);
+            }
         }
     }
 
@@ -125,6 +137,11 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
     );
     let reference_force_n = reference_force_n(values.gain, finger_force_n);
     state.pressure_ref_pa = next_reference_pa(settings, state, reference_force_n, contraction);
+    state.empty_ticks = if state.pressure_ref_pa > 0.0 {
+        0
+    } else {
+        state.empty_ticks.saturating_add(1)
+    };
     let pressure_ref = GaugePa(state.pressure_ref_pa);
     Output {
         valve: values.valve_drive.count(pressure_ref),
@@ -138,25 +155,16 @@ pub fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output
     }
 }
 
-/// Gauge pressure below which no sensor on a muscle can honestly read \[Pa\]: a valve does not draw
-/// below the atmosphere, a zero is off by a few percent of span at most.
-const PRESSURE_PA_MIN: f32 = -2e4;
-/// Travel below the stop, over the length, that no encoder can read that counts the right way.
-const TRAVEL_MIN: f32 = -0.02;
-
 /// What is thought of the bridge, the pressure sensor and the encoder.
 type Verdicts = [Verdict; 3];
 
 /// The state with the sensors' new readings, and what is thought of them.
-fn sense(
-    values: &SettingsValues,
-    state: &State,
-    sensors: &Sensors,
-    ticks: f32,
-) -> (State, Verdicts) {
+fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, Verdicts) {
     let mut next = *state;
+    // Missed ticks widen what is plausible, never what is done.
+    let ticks = 1.0 + sensors.missed_ticks as f32;
     let bounds = |count: AdcCount, step_max: f32| Bounds {
-        at_rail: count.0 < RAIL_COUNTS || count.0 > COUNT_MAX - RAIL_COUNTS,
+        out_of_range: !ADC_VALID.contains(&count.0),
         at_standstill: false,
         step_max,
         stuck_ticks: values.stuck_ticks,
@@ -172,7 +180,7 @@ fn sense(
         values.pressure_sensor.value(sensors.pressure),
     );
     let mut pressure_bounds = bounds(count, values.pressure_step_pa_max);
-    pressure_bounds.at_rail |= pressure_pa < PRESSURE_PA_MIN;
+    pressure_bounds.out_of_range |= pressure_pa < PRESSURE_PA_MIN;
     let (pressure, pressure_verdict) =
         state
             .pressure
@@ -180,11 +188,13 @@ fn sense(
 
     let travel = sensors.encoder.since(state.home);
     let travel_m = travel as f32 * values.encoder_m_per_count;
-    let counted = state.encoder.moves(sensors.encoder.0);
+    let moved = sensors.encoder.since(state.moved_to).unsigned_abs() > FLICKER_COUNTS;
     let at_stop = travel.unsigned_abs() <= FLICKER_COUNTS;
     let encoder_bounds = Bounds {
-        at_rail: travel_m < TRAVEL_MIN * values.muscle.initial_length_m,
-        at_standstill: !counted && stands_still(values, state, pressure.value(), at_stop),
+        // Home is not known before the self-check has found it.
+        out_of_range: state.mode != Mode::SelfCheck
+            && travel_m < -STOP_CONTRACTION * values.muscle.initial_length_m,
+        at_standstill: !moved && stands_still(values, state, pressure.value(), at_stop),
         step_max: values.encoder_step_m_max,
         stuck_ticks: 0,
         suspect_ticks: values.suspect_ticks,
@@ -194,8 +204,9 @@ fn sense(
         state
             .encoder
             .next(sensors.encoder.0, travel_m, &encoder_bounds);
-    if counted || state.mode == Mode::SelfCheck {
-        next.pressure_at_count_pa = pressure.value();
+    if moved || state.mode == Mode::SelfCheck {
+        next.moved_to = sensors.encoder;
+        next.moved_at_pa = pressure.value();
     }
     next.bridge = bridge;
     next.pressure = pressure;
@@ -203,13 +214,13 @@ fn sense(
     (next, [bridge_verdict, pressure_verdict, encoder_verdict])
 }
 
-/// True where the pressure has changed by more than static friction can hold without a count from
-/// the encoder. On its stop the weight rests until it is lifted.
+/// True where the pressure has changed by more than static friction can hold since the encoder
+/// moved. On its stop the weight rests until it is lifted.
 fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, at_stop: bool) -> bool {
     if at_stop {
         return pressure_pa > values.lift_pressure_pa_max + values.encoder_stuck_pa;
     }
-    let change_pa = pressure_pa - state.pressure_at_count_pa;
+    let change_pa = pressure_pa - state.moved_at_pa;
     change_pa > values.encoder_stuck_pa || change_pa < -values.encoder_stuck_pa
 }
 
@@ -220,9 +231,6 @@ fn watch_window(
     verdicts: &Verdicts,
     sensors: &Sensors,
 ) -> Option<Fault> {
-    if next.mode != Mode::SelfCheck {
-        return None;
-    }
     let bridge_n = next.bridge.value();
     let moved = sensors.encoder.since(next.home).unsigned_abs() > FLICKER_COUNTS;
     let disturbed = if next.pressure.value() > values.vented_pa {
@@ -246,30 +254,47 @@ fn watch_window(
     disturbed
 }
 
+fn contraction(values: &SettingsValues, state: &State) -> f32 {
+    state.encoder.value() / values.muscle.initial_length_m
+}
+
+/// Tells whether a muscle that waits to be asked has pressure, or has lifted.
+fn watch_rest(values: &SettingsValues, next: &mut State) -> Option<Fault> {
+    let lifted = contraction(values, next) > STOP_CONTRACTION;
+    let astir = next.mode == Mode::Ready && (lifted || next.pressure.value() > values.vented_pa);
+    next.uncommanded.add(astir, values.suspect_ticks);
+    astir.then_some(Fault::Uncommanded)
+}
+
 fn findings(
     values: &SettingsValues,
     next: &State,
     verdicts: &Verdicts,
-    contraction: f32,
     unready: Option<Fault>,
     sensors: &Sensors,
 ) -> Findings {
     let [bridge, pressure, encoder] = *verdicts;
-    let empty = next.pressure.value() <= values.vented_pa || next.mode_ticks >= EMPTIED_TICKS;
+    let latched = matches!(next.fault, Some(Fault::Pressure(_)));
+    let empty = if latched || matches!(pressure, Verdict::Failed(_)) {
+        next.empty_ticks >= EMPTIED_TICKS
+    } else {
+        next.pressure.value() <= values.vented_pa
+    };
     Findings {
         bridge,
         pressure,
         encoder,
         pressure_pa: next.pressure.value(),
-        contraction,
+        contraction: contraction(values, next),
         missed_ticks: sensors.missed_ticks,
         request: sensors.request,
         vented: next.pressure_ref_pa == 0.0 && empty,
         unready,
+        uncommanded: next.uncommanded.is_full(values.suspect_ticks),
         mode_ticks: next.mode_ticks,
         window_ticks: next.window_ticks,
-        faulted: next.fault.is_some(),
         bridging: next.bridging,
+        latched: next.fault.is_some(),
     }
 }
 
@@ -303,8 +328,7 @@ fn enter(values: &SettingsValues, state: &mut State, mode: Mode) {
     state.pressure_ref_pa = limited_pa(values, state.pressure_ref_pa);
 }
 
-/// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and in its change in one
-/// call: missed ticks are no reason to jump.
+/// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and rate.
 fn next_reference_pa(
     settings: &Settings,
     state: &mut State,
@@ -331,9 +355,7 @@ fn next_reference_pa(
             let rate_pa_per_s = if state.engaged {
                 values.pressure_rate_pa_per_s_max
             } else {
-                values
-                    .engage_rate_pa_per_s
-                    .min(values.pressure_rate_pa_per_s_max)
+                values.engage_rate_pa_per_s
             };
             let way_pa = target_pa - now_pa;
             let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
@@ -355,10 +377,9 @@ fn limited(value: f32, magnitude: f32) -> f32 {
 
 /// A reference within its limits; zero for NaN.
 fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
-    let max_pa = values.pressure_pa_max.min(values.supply_pressure_pa);
     if pressure_pa.is_nan() {
         0.0
     } else {
-        pressure_pa.max(0.0).min(max_pa)
+        pressure_pa.max(0.0).min(values.pressure_pa_max)
     }
 }

@@ -47,9 +47,9 @@ pub const LIMITS: &[Limit] = limits! {
     supply_pressure_pa: 1e4, 2e6, "hand-held pneumatics";
     pressure_pa_max: 1e3, 2e6, "at most the supply";
     pressure_trip_pa: 1e3, 3e6, "above what the loop may ask for";
-    pressure_rate_pa_per_s_max: 1e4, 1e8, "10 kPa/s is sluggish, 1 MPa a tick no limit";
+    pressure_rate_pa_per_s_max: 1e4, 1e7, "10 kPa/s is sluggish; 100 kPa a tick";
     engage_rate_pa_per_s: 1e3, 1e7, "slower than assisting";
-    vent_rate_pa_per_s: 1e3, 1e7, "lets the weight down, does not drop it";
+    vent_rate_pa_per_s: 1e3, 1e6, "lets the weight down, does not drop it";
     vented_pa: 1e2, 1e5, "below what lifts anything";
     contraction_max: 0.01, 0.9, "before Eq 8 is singular";
     contraction_trip: 0.01, 0.95, "above contraction_max";
@@ -60,7 +60,7 @@ pub const LIMITS: &[Limit] = limits! {
     encoder_step_m_max: 1e-4, 1.0, "a falling weight: 10 m/s";
     encoder_stuck_pa: 1e3, 1e6, "static friction over ∂F/∂P";
     lift_pressure_pa_max: 1e3, 2e6, "what lifts the heaviest load";
-    stuck_ticks: 0.0, 65535.0, "0 where the converters have no noise";
+    stuck_ticks: 0.0, 1000.0, "10 s; 0 where the converters have no noise";
     suspect_ticks: 1.0, 100.0, "up to a second on a guess";
     missed_ticks_max: 0.0, 10.0, "up to a tenth of a second blind";
     self_check_ticks: 10.0, 1000.0, "0.1 to 10 s";

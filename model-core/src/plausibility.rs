@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// What makes a reading implausible.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Doubt {
-    /// At an end of the converter's scale: an open or shorted wire.
+    /// At an end of the converter's scale (an open or shorted wire), or beyond physics.
     Range,
     /// Further from the last good value than physics allows.
     Step,
@@ -24,11 +24,32 @@ pub enum Verdict {
     Failed(Doubt),
 }
 
-/// What an implausible reading adds to the strikes, of which a plausible one takes one away.
-const STRIKE: u8 = 5;
-/// So many strikes are a failure: a sensor wrong in more than one of six readings comes here, one
-/// that is wrong a few times in a second does not.
-const STRIKES_MAX: u8 = 50;
+/// Good ticks that make up for a bad one.
+const RECOVERY_TICKS: u16 = 10;
+
+/// Counts bad ticks. Good ones in between make up for few: what comes and goes is noticed too.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tally(u16);
+
+impl Tally {
+    /// One more tick.
+    pub fn add(&mut self, bad: bool, limit: u8) {
+        self.0 = if bad {
+            self.0.saturating_add(RECOVERY_TICKS).min(full(limit))
+        } else {
+            self.0.saturating_sub(1)
+        };
+    }
+
+    /// True from the `limit`th bad tick, with good ones in between a later one, to the next good.
+    pub fn is_full(self, limit: u8) -> bool {
+        self.0 >= full(limit)
+    }
+}
+
+fn full(limit: u8) -> u16 {
+    u16::from(limit).saturating_mul(RECOVERY_TICKS)
+}
 
 /// One sensor's recent past.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -40,8 +61,8 @@ pub struct Watch {
     same_ticks: u16,
     /// Readings in a row that were not plausible.
     suspect_ticks: u8,
-    /// Rises with each reading that was not plausible, falls with each that was.
-    strikes: u8,
+    /// The same, with good ones in between.
+    suspects: Tally,
     /// A first reading has come.
     begun: bool,
 }
@@ -49,15 +70,15 @@ pub struct Watch {
 /// What a sensor is judged by.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// The reading is at an end of its scale.
-    pub at_rail: bool,
+    /// The reading is at an end of its scale, or physics ends before it.
+    pub out_of_range: bool,
     /// The reading stands still although it must not.
     pub at_standstill: bool,
     /// Largest plausible change in one tick.
     pub step_max: f32,
     /// So many equal readings are a standstill; 0: never.
     pub stuck_ticks: u16,
-    /// So many suspect readings are a failure.
+    /// So many suspect readings in a row are a failure; more, with few good ones in between.
     pub suspect_ticks: u8,
     /// Ticks since the last reading.
     pub ticks: f32,
@@ -67,11 +88,6 @@ impl Watch {
     /// The last good value.
     pub fn value(&self) -> f32 {
         self.value
-    }
-
-    /// True where `counts` differ from the last reading's.
-    pub fn moves(&self, counts: u32) -> bool {
-        self.begun && self.counts != counts
     }
 
     /// The past with one more reading, and what is thought of the sensor.
@@ -88,7 +104,7 @@ impl Watch {
         // A value that was bridged may have moved on all the while.
         let step_max = bounds.step_max * (bounds.ticks + self.suspect_ticks as f32);
         let step = value - self.value;
-        let doubt = if bounds.at_rail {
+        let doubt = if bounds.out_of_range {
             Some(Doubt::Range)
         } else if self.begun && !(step <= step_max && step >= -step_max) {
             Some(Doubt::Step)
@@ -99,15 +115,14 @@ impl Watch {
         } else {
             None
         };
+        watch.suspects.add(doubt.is_some(), bounds.suspect_ticks);
         let Some(doubt) = doubt else {
             watch.value = value;
             watch.suspect_ticks = 0;
-            watch.strikes = self.strikes.saturating_sub(1);
             return (watch, Verdict::Good);
         };
         watch.suspect_ticks = self.suspect_ticks.saturating_add(1);
-        watch.strikes = self.strikes.saturating_add(STRIKE);
-        if watch.suspect_ticks >= bounds.suspect_ticks || watch.strikes >= STRIKES_MAX {
+        if watch.suspects.is_full(bounds.suspect_ticks) {
             (watch, Verdict::Failed(doubt))
         } else {
             (watch, Verdict::Suspect)

@@ -4,7 +4,7 @@ use crate::error::SettingsError;
 use crate::limits::LIMITS;
 use crate::muscle::Muscle;
 use crate::pressure::GaugePa;
-use crate::signal::{AdcScale, ValveDrive};
+use crate::signal::{AdcScale, DacCount, ValveDrive};
 use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +18,12 @@ pub const TICK_S: f32 = 0.01;
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const VERSION_LEN: usize = 2;
 const CHECKSUM_LEN: usize = 4;
+
+/// Finer is no muscle's encoder: whatever moves would seem to stand \[m\].
+const ENCODER_M_PER_COUNT_MIN: f32 = 1e-7;
+
+/// Whether it holds, the setting it is about, and what that must be.
+type Relation = (bool, &'static str, &'static str);
 
 /// The values, not yet checked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,7 +78,7 @@ pub struct SettingsValues {
     pub lift_pressure_pa_max: f32,
     /// So many equal readings of an ADC in a row are a fault; 0: never.
     pub stuck_ticks: u16,
-    /// So many implausible readings in a row are a fault.
+    /// So many implausible readings in a row are a fault; more, with few good ones in between.
     pub suspect_ticks: u8,
     /// More missed ticks in a row are a fault.
     pub missed_ticks_max: u8,
@@ -138,6 +144,102 @@ impl SettingsValues {
             self_check_ticks_max: 500,
         }
     }
+
+    /// What the limits of the loop must be to each other.
+    fn loop_relations(&self) -> [Relation; 8] {
+        let at_max_m2 = self.muscle.force_per_pressure_m2(self.contraction_max);
+        [
+            (
+                // A tenth of the force at rest keeps Eq 8 well away from its singularity.
+                at_max_m2 > 0.1 * self.muscle.force_per_pressure_m2(0.0) && at_max_m2 > 0.0,
+                "contraction_max",
+                "where the muscle still pulls with a tenth of its force per pressure",
+            ),
+            (
+                self.contraction_trip > self.contraction_max,
+                "contraction_trip",
+                "above contraction_max",
+            ),
+            (
+                self.pressure_pa_max <= self.supply_pressure_pa,
+                "pressure_pa_max",
+                "at most supply_pressure_pa",
+            ),
+            (
+                self.pressure_trip_pa > self.pressure_pa_max,
+                "pressure_trip_pa",
+                "above pressure_pa_max",
+            ),
+            (
+                self.vented_pa < self.pressure_pa_max,
+                "vented_pa",
+                "below pressure_pa_max",
+            ),
+            (
+                self.engage_rate_pa_per_s <= self.pressure_rate_pa_per_s_max,
+                "engage_rate_pa_per_s",
+                "at most pressure_rate_pa_per_s_max",
+            ),
+            (
+                // Else the pressure trips before an encoder that is stuck at the stop is noticed.
+                self.lift_pressure_pa_max + self.encoder_stuck_pa <= self.pressure_trip_pa,
+                "encoder_stuck_pa",
+                "with lift_pressure_pa_max at most pressure_trip_pa",
+            ),
+            (
+                self.self_check_ticks_max >= self.self_check_ticks,
+                "self_check_ticks_max",
+                "at least self_check_ticks",
+            ),
+        ]
+    }
+
+    /// What the instruments must be able to tell and to set.
+    fn instrument_relations(&self) -> [Relation; 7] {
+        let drive = &self.valve_drive;
+        let bridge_ends_n = self.bridge.ends();
+        let force_n = self.finger_force_n_max + self.tare_n_max;
+        [
+            (
+                // 0.1 % for the rounding of f32.
+                drive.pressure(DacCount::new(u16::MAX)).0 >= 0.999 * self.pressure_pa_max,
+                "pressure_pa_max",
+                "within the valve drive's full scale",
+            ),
+            (
+                // The command is rounded to counts.
+                drive.pressure(DacCount::new(1)).0 <= 0.01 * self.pressure_pa_max,
+                "valve_drive.pa_per_v",
+                "such that a DAC count is at most a hundredth of pressure_pa_max",
+            ),
+            (
+                bridge_ends_n.0 <= -force_n && bridge_ends_n.1 >= force_n,
+                "bridge.per_count",
+                "such that the scale holds finger_force_n_max and tare_n_max, either way",
+            ),
+            (
+                // Else no step is too large.
+                self.bridge_step_n_max < 2.0 * self.finger_force_n_max,
+                "bridge_step_n_max",
+                "below twice finger_force_n_max",
+            ),
+            (
+                self.pressure_sensor.ends().1 > self.pressure_trip_pa,
+                "pressure_trip_pa",
+                "within the pressure sensor's scale",
+            ),
+            (
+                self.pressure_step_pa_max < self.pressure_trip_pa,
+                "pressure_step_pa_max",
+                "below pressure_trip_pa",
+            ),
+            (
+                self.encoder_m_per_count.abs() >= ENCODER_M_PER_COUNT_MIN,
+                "encoder_m_per_count",
+                "at least 0.1 µm, up or down",
+            ),
+        ]
+    }
 }
 
 /// Settings that have passed every check.
@@ -160,56 +262,13 @@ impl Settings {
                 });
             }
         }
-        let v = &values;
-        let at_max_m2 = v.muscle.force_per_pressure_m2(v.contraction_max);
-        let full_scale = v
-            .valve_drive
-            .pressure(crate::signal::DacCount::new(u16::MAX));
-        let relations = [
-            (
-                v.bridge.per_count != 0.0,
-                "bridge.per_count",
-                "other than zero",
-            ),
-            (
-                v.encoder_m_per_count != 0.0,
-                "encoder_m_per_count",
-                "other than zero",
-            ),
-            (
-                // A tenth of the force at rest keeps Eq 8 well away from its singularity.
-                at_max_m2 > 0.1 * v.muscle.force_per_pressure_m2(0.0) && at_max_m2 > 0.0,
-                "contraction_max",
-                "where the muscle still pulls with a tenth of its force per pressure",
-            ),
-            (
-                v.contraction_trip > v.contraction_max,
-                "contraction_trip",
-                "above contraction_max",
-            ),
-            (
-                v.pressure_pa_max <= v.supply_pressure_pa,
-                "pressure_pa_max",
-                "at most supply_pressure_pa",
-            ),
-            (
-                v.pressure_trip_pa > v.pressure_pa_max,
-                "pressure_trip_pa",
-                "above pressure_pa_max",
-            ),
-            (
-                // 0.1 % for the rounding of f32.
-                full_scale.0 >= 0.999 * v.pressure_pa_max,
-                "pressure_pa_max",
-                "within the valve drive's full scale",
-            ),
-            (
-                v.self_check_ticks_max >= v.self_check_ticks,
-                "self_check_ticks_max",
-                "at least self_check_ticks",
-            ),
-        ];
-        match relations.iter().find(|(holds, ..)| !holds) {
+        let of_loop = values.loop_relations();
+        let of_instruments = values.instrument_relations();
+        match of_loop
+            .iter()
+            .chain(&of_instruments)
+            .find(|(holds, ..)| !holds)
+        {
             Some((_, name, must)) => Err(SettingsError::Contradiction { name, must }),
             None => Ok(Settings(values)),
         }
@@ -222,7 +281,7 @@ impl Settings {
 
     /// The highest pressure that may be asked for.
     pub fn pressure_max(&self) -> GaugePa<f32> {
-        GaugePa(self.0.pressure_pa_max.min(self.0.supply_pressure_pa))
+        GaugePa(self.0.pressure_pa_max)
     }
 
     /// Writes version, values (postcard) and CRC-32 into `buffer`; returns what was written.

@@ -4,10 +4,14 @@
 //! physics to counts serves the simulator and hardware in the loop.
 
 use crate::pressure::GaugePa;
+use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 /// Full scale of the 12-bit converters.
 pub const COUNT_MAX: u16 = 4095;
+
+/// Readings of a wire that is whole; nearer to an end of the scale it is open or shorted.
+pub const ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16;
 
 /// A reading of the 12-bit ADC.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -59,6 +63,13 @@ impl AdcScale {
     /// The quantity that `count` stands for.
     pub fn value(&self, count: AdcCount) -> f32 {
         (count.0 as f32 - self.zero_count) * self.per_count
+    }
+
+    /// The lowest and the highest quantity that a whole wire can tell.
+    pub fn ends(&self) -> (f32, f32) {
+        let first = self.value(AdcCount(*ADC_VALID.start()));
+        let last = self.value(AdcCount(*ADC_VALID.end()));
+        (first.min(last), first.max(last))
     }
 
     /// The count nearest to `value`, limited to the scale's ends.

@@ -7,8 +7,8 @@
 //!     └──Reset, vented── Venting ◀─────────────────────────────────────┴───────────────┘
 //! ```
 //!
-//! A fault is latched with its reason until it is reset; the first one counts. Venting lowers the
-//! reference at a limited rate: the weight is let down, not dropped.
+//! A fault is latched with its reason until it is reset, also while venting on request; the first
+//! one counts. Venting lowers the reference at a limited rate: the weight is let down, not dropped.
 
 use crate::frame::Request;
 use crate::plausibility::{Doubt, Verdict};
@@ -52,6 +52,8 @@ pub enum Fault {
     NotVented,
     /// At start, the muscle was moving.
     NotStill,
+    /// The muscle had pressure, or lifted, before it was asked to.
+    Uncommanded,
 }
 
 /// What a tick has found out, before anything is decided.
@@ -66,15 +68,17 @@ pub(crate) struct Findings {
     pub request: Request,
     /// The reference is at zero, and the pressure is too or cannot be known.
     pub vented: bool,
-    /// The window of the self-check: what has spoilt it, or none.
+    /// What disturbs the self-check, or the rest after it.
     pub unready: Option<Fault>,
+    /// The rest was disturbed for too long.
+    pub uncommanded: bool,
     /// Ticks in this mode, and good ones in a row of the self-check.
     pub mode_ticks: u16,
     pub window_ticks: u16,
-    /// A fault is latched already.
-    pub faulted: bool,
     /// Holding only because a reading was suspect.
     pub bridging: bool,
+    /// A fault is latched.
+    pub latched: bool,
 }
 
 /// What is decided about the mode.
@@ -101,6 +105,8 @@ impl Findings {
             Some(Fault::OverContraction)
         } else if self.missed_ticks > values.missed_ticks_max {
             Some(Fault::MissedTicks)
+        } else if self.uncommanded {
+            Some(Fault::Uncommanded)
         } else {
             None
         }
@@ -113,20 +119,18 @@ impl Findings {
 
 /// What follows from `findings` in `mode`.
 pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
-    if mode != Mode::Venting {
-        if let Some(fault) = findings.fault(values) {
-            return Decision::Fail(fault);
-        }
-        if findings.request == Request::Vent {
-            return Decision::Go(Mode::Venting);
-        }
+    if let Some(fault) = findings.fault(values)
+        && !findings.latched
+    {
+        return Decision::Fail(fault);
     }
     match mode {
+        Mode::Venting => from_venting(findings),
+        _ if findings.request == Request::Vent => Decision::Go(Mode::Venting),
         Mode::SelfCheck => from_self_check(values, findings),
-        Mode::Ready => from_ready(values, findings),
+        Mode::Ready => from_ready(findings),
         Mode::Assisting => from_assisting(findings),
         Mode::Holding => from_holding(findings),
-        Mode::Venting => from_venting(values, findings),
     }
 }
 
@@ -141,13 +145,11 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
     }
 }
 
-/// Offers assistance to a muscle that is vented; one that fills unasked has a valve that is open.
-fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
-    if findings.pressure_pa > values.vented_pa {
-        return Decision::Fail(Fault::NotVented);
-    }
+fn from_ready(findings: &Findings) -> Decision {
     match findings.request {
-        Request::Assist if !findings.suspect() => Decision::Go(Mode::Assisting),
+        Request::Assist if findings.unready.is_none() && !findings.suspect() => {
+            Decision::Go(Mode::Assisting)
+        }
         _ => Decision::Stay,
     }
 }
@@ -164,22 +166,17 @@ fn from_assisting(findings: &Findings) -> Decision {
 
 /// A hold that was asked for ends when assistance is; one over a suspect reading ends with it.
 fn from_holding(findings: &Findings) -> Decision {
-    if findings.bridging && findings.request == Request::Hold {
-        return Decision::Go(Mode::Holding);
-    }
     let resumes = findings.request == Request::Assist || findings.bridging;
-    if resumes && !findings.suspect() {
+    if findings.bridging && findings.request == Request::Hold {
+        Decision::Go(Mode::Holding)
+    } else if resumes && !findings.suspect() {
         Decision::Go(Mode::Assisting)
     } else {
         Decision::Stay
     }
 }
 
-/// Ends by a reset once vented. A fault on the way down of a vent that was asked for is latched.
-fn from_venting(values: &SettingsValues, findings: &Findings) -> Decision {
-    if let (false, Some(fault)) = (findings.faulted, findings.fault(values)) {
-        return Decision::Fail(fault);
-    }
+fn from_venting(findings: &Findings) -> Decision {
     if findings.request == Request::Reset && findings.vented {
         Decision::Go(Mode::SelfCheck)
     } else {
