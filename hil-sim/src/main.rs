@@ -47,6 +47,8 @@ enum Command {
     Design(cmd::design::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
+    /// Find where simulation and measurement disagree, and name the missing effect
+    Diagnose(cmd::diagnose::Args),
     /// Rig files
     Rig(cmd::rig::Args),
     /// Shell completions
@@ -95,6 +97,7 @@ fn main() -> ExitCode {
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
+        Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

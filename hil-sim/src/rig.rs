@@ -233,6 +233,40 @@ impl Rig {
         Ok(())
     }
 
+    /// The nominal value at `section.key`, if the rig has it.
+    pub fn value_mut(&mut self, section: &str, key: &str) -> Option<&mut f64> {
+        let weight = match &mut self.load {
+            Load::Weight(weight) => Some(weight),
+            Load::Prescribed => None,
+        };
+        let (muscle, volume) = (&mut self.muscle, self.volume.as_mut());
+        let (valve, gas) = (self.valve.as_mut(), self.gas.as_mut());
+        Some(match (section, key) {
+            ("muscle", "alpha_m2") => &mut muscle.alpha_m2,
+            ("muscle", "beta_m2") => &mut muscle.beta_m2,
+            ("muscle", "gamma_n") => &mut muscle.gamma_n,
+            ("muscle", "initial_length_m") => &mut muscle.initial_length_m,
+            ("muscle", "volume_d1_m3") => &mut volume?.d1_m3,
+            ("muscle", "volume_d2_m3") => &mut volume?.d2_m3,
+            ("muscle", "volume_d3_m3") => &mut volume?.d3_m3,
+            ("load", "mass_kg") => &mut weight?.mass_kg,
+            ("load", "viscous_damping_ns_per_m") => &mut weight?.viscous_damping_ns_per_m,
+            ("load", "coulomb_friction_n") => &mut weight?.coulomb_friction_n,
+            ("load", "static_friction_n") => &mut weight?.static_friction_n,
+            ("valve", "flow_gain_kg_per_pa_s") => &mut valve?.flow_gain_kg_per_pa_s,
+            ("valve", "supply_pressure_pa") => &mut valve?.supply_pressure.0,
+            ("gas", "ambient_temperature_k") => &mut gas?.ambient_temperature_k,
+            ("gas", "atmospheric_pressure_pa") => &mut gas?.atmospheric_pressure.0,
+            ("gas", "heat_transfer_charging_w_per_m2_k") => {
+                &mut gas?.heat_transfer_charging_w_per_m2_k
+            }
+            ("gas", "heat_transfer_discharging_w_per_m2_k") => {
+                &mut gas?.heat_transfer_discharging_w_per_m2_k
+            }
+            _ => return None,
+        })
+    }
+
     /// Bad input at `section.key`, with its line where the key stands in the file.
     pub fn bad(&self, key: &str, expected: &str) -> BadInput {
         let mut lines = self.lines.iter();

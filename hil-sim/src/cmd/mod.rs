@@ -4,6 +4,7 @@ pub mod board;
 pub mod completions;
 pub mod design;
 pub mod hil;
+pub mod diagnose;
 pub mod paper;
 pub mod record;
 pub mod replay;

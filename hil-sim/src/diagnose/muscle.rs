@@ -1,0 +1,681 @@
+//! The muscle rig as the engine sees it: its blocks on measured inputs, and their residuals.
+//!
+//! - *gas*: reference and measured contraction in, pressure simulated, against the measured one.
+//! - *force* (with a force channel): measured pressure and contraction in, against measured force.
+//! - *load*: the balance of forces on the weight. Acceleration and speed come from the measured
+//!   contraction through a smooth kernel, which takes the derivatives; where the weight stands
+//!   still, static friction may be anything up to its limit.
+
+use super::engine::{Active, Candidate, Model, Parameter};
+use crate::effects::CATALOGUE;
+use crate::error::BadInput;
+use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
+use crate::plant::simulation::Initial;
+use crate::plant::term::Terms;
+use crate::plant::{Plant, Term};
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::{Effect, Load, Rig, Weight};
+use crate::simulate::Inputs;
+use model_core::pressure::GaugePa;
+use std::borrow::Cow;
+use std::ops::ControlFlow;
+
+/// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
+const KERNEL_S: f64 = 0.04;
+/// The kernel reaches so many widths.
+const KERNEL_REACH: f64 = 4.0;
+/// Residuals through the kernel stand so far apart that neighbours hardly share noise \[s\].
+const SPACING_S: f64 = 2.5 * KERNEL_S;
+/// The begin of a record that is not compared, as the gas may not have been at rest \[s\].
+const SKIP_S: f64 = 0.6;
+/// Tolerance of the simulations.
+const TOLERANCE: f64 = 1e-4;
+/// A speed is one when it is so many of its standard errors.
+const SPEED_ERRORS: f64 = 5.0;
+/// So near to a change of direction the weight may still be stuck, or be so already \[s\].
+const TURN_S: f64 = 0.03;
+/// So long after a landing on the stop the gas is not compared \[s\]: between two samples the
+/// contraction is not known there.
+const LANDING_S: f64 = 0.1;
+/// Speed of a landing that matters \[1/s\].
+const LANDING_PER_S: f64 = 0.05;
+/// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
+/// are far from those of any rig.
+const STEPS_PER_S: f64 = 400.0;
+const STEPS_PER_ROW: f64 = 4.0;
+/// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
+const FORCE_FLOOR_N: f64 = 0.1;
+
+const GAS: &str = "gas";
+const FORCE: &str = "force";
+const LOAD: &str = "load";
+
+/// Standard deviations of a record's noise.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct Noise {
+    /// Of the pressure \[Pa\].
+    pub pressure_pa: f64,
+    /// Of the contraction \[-\].
+    pub contraction: f64,
+    /// Of the force \[N\].
+    pub force_n: f64,
+}
+
+/// Standard deviation of the noise of `values`: from third differences, which a smooth signal
+/// leaves small, by their median, which jumps do not move; at least that of the quantisation.
+pub fn noise(values: &[f64]) -> f64 {
+    let present: Vec<f64> = values
+        .iter()
+        .copied()
+        .filter(|value| !value.is_nan())
+        .collect();
+    let quads = present.windows(4);
+    let mut differences: Vec<f64> = quads
+        .map(|v| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).abs())
+        .collect();
+    let mut steps: Vec<f64> = present.windows(2).map(|v| (v[1] - v[0]).abs()).collect();
+    steps.retain(|step| *step > 0.0);
+    differences.sort_by(f64::total_cmp);
+    steps.sort_by(f64::total_cmp);
+    // Of white noise: σ√20, whose median magnitude is 0.6745 of that.
+    let white = differences
+        .get(differences.len() / 2)
+        .copied()
+        .unwrap_or(0.0)
+        / 3.016;
+    let quantum = steps.get(steps.len() / 100).copied().unwrap_or(0.0);
+    white.max(quantum / 12.0_f64.sqrt())
+}
+
+/// One place where the balance of forces is looked at.
+struct Place {
+    /// Rows under the kernel, and their weights.
+    rows: std::ops::Range<usize>,
+    weights: Vec<f64>,
+    /// Smoothed ε̈ \[1/s²\] and ε̇ \[1/s\].
+    acceleration_per_s2: f64,
+    rate_per_s: f64,
+    /// One over the standard deviation of the balance's noise \[1/N\].
+    per_noise: f64,
+}
+
+/// A record made ready.
+struct Prepared {
+    /// With the reference, for the gas; without, for force and load.
+    gas: Option<Record>,
+    measured: Record,
+    noise: Noise,
+    places: Vec<Place>,
+    /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
+    rates_per_s: Vec<f64>,
+    directions: Vec<f64>,
+    /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
+    sides: Vec<f64>,
+    /// When the weight landed on its stop.
+    landings_s: Vec<f64>,
+}
+
+/// Directions with each rest crossed in a straight line.
+fn bridged(directions: &[f64]) -> Vec<f64> {
+    let moving: Vec<usize> = (0..directions.len()).filter(|row| directions[*row] != 0.0).collect();
+    let mut sides = directions.to_vec();
+    let (Some(first), Some(last)) = (moving.first(), moving.last()) else {
+        return sides;
+    };
+    sides[..*first].fill(directions[*first]);
+    sides[*last..].fill(directions[*last]);
+    for pair in moving.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        for row in from + 1..to {
+            let share = (row - from) as f64 / (to - from) as f64;
+            sides[row] = directions[from] + share * (directions[to] - directions[from]);
+        }
+    }
+    sides
+}
+
+/// When a weight lands on its stop with a speed.
+fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f64> {
+    let low = |value: f64| value < 1e-3;
+    let rows = 3..time_s.len();
+    let lands = rows.filter(|row| low(contraction[*row]) && !low(contraction[row - 1]));
+    let fast = lands.filter(|row| rates_per_s[row - 3..*row].iter().any(|r| *r < -LANDING_PER_S));
+    fast.map(|row| time_s[row]).collect()
+}
+
+/// The rig with its records.
+pub struct MuscleModel {
+    rig: Rig,
+    records: Vec<Prepared>,
+    fitted: usize,
+    blocks: Vec<&'static str>,
+    nominal_blocks: Vec<Vec<usize>>,
+    candidates: Vec<Candidate>,
+}
+
+/// The blocks on which a nominal value of a section acts.
+fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
+    match (section, key) {
+        ("muscle", "volume_d1_m3" | "volume_d2_m3" | "volume_d3_m3") => &[GAS],
+        ("muscle", "initial_length_m") => &[GAS, LOAD],
+        ("muscle", _) => &[FORCE],
+        ("load", _) => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+/// The blocks that an effect changes.
+fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
+    match (name, place) {
+        ("line-dynamics", _) => &[GAS, FORCE],
+        ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE],
+        (_, "sensor") => &[GAS, FORCE],
+        (_, "muscle-force") => &[FORCE],
+        (_, "load") => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+impl MuscleModel {
+    /// The model of `rig` with the records that are fitted; effects named in `without` are left out.
+    ///
+    /// # Errors
+    /// The records lack what every diagnosis needs.
+    pub fn new(
+        rig: &Rig,
+        fit: &[Record],
+        validate: &[Record],
+        without: &[String],
+    ) -> Result<Self, BadInput> {
+        let records = || fit.iter().chain(validate);
+        let has = |name: &str| records().all(|record| record.column(name).is_some());
+        let mut blocks = Vec::new();
+        if has(PRESSURE_REF_PA) && rig.valve.is_some() {
+            blocks.push(GAS);
+        }
+        if has(FORCE_N) {
+            blocks.push(FORCE);
+        }
+        if matches!(rig.load, Load::Weight(_)) {
+            blocks.push(LOAD);
+        }
+        // Without a force channel the balance of the load stands for both.
+        let places = |names: &[&str]| -> Vec<usize> {
+            let mut places: Vec<usize> = names
+                .iter()
+                .filter_map(|name| {
+                    let instead = if *name == FORCE && !blocks.contains(&FORCE) {
+                        LOAD
+                    } else {
+                        name
+                    };
+                    blocks.iter().position(|block| *block == instead)
+                })
+                .collect();
+            places.sort_unstable();
+            places.dedup();
+            places
+        };
+        let nominal = |tolerance: &crate::rig::Tolerance| {
+            places(blocks_of(&tolerance.section, &tolerance.key))
+        };
+        let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
+        let kinds = CATALOGUE
+            .iter()
+            .filter(|kind| !without.iter().any(|name| name == kind.name));
+        let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
+        let candidates = forms.map(|(kind, form)| Candidate {
+            effect: kind.name,
+            form: form.name,
+            place: kind.block,
+            parameters: form
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name,
+                    unit: p.unit,
+                    range: (p.min, p.max),
+                    usual: p.usual,
+                    log: p.log,
+                })
+                .collect(),
+            blocks: places(blocks_of_effect(kind.name, kind.block)),
+        });
+        // An effect on no block that was measured cannot be seen.
+        let candidates = candidates
+            .filter(|candidate| !candidate.blocks.is_empty())
+            .collect();
+        Ok(MuscleModel {
+            fitted: fit.len(),
+            records: records()
+                .map(|record| Prepared::new(rig, record))
+                .collect::<Result<_, _>>()?,
+            rig: rig.clone(),
+            blocks,
+            nominal_blocks,
+            candidates,
+        })
+    }
+
+    /// The rig with its nominal values moved by `nominal` standard deviations, and effects added.
+    pub fn fitted(&self, nominal: &[f64], effects: &[Active]) -> Rig {
+        let mut rig = self.rig.clone();
+        for (tolerance, deviation) in self.rig.tolerances.iter().zip(nominal) {
+            if let Some(value) = rig.value_mut(&tolerance.section, &tolerance.key) {
+                *value *= 1.0 + tolerance.relative_sigma * deviation;
+            }
+        }
+        for (candidate, values) in effects {
+            let candidate = &self.candidates[*candidate];
+            let kind = crate::effects::find(candidate.effect);
+            if let Some((kind, form)) = kind.and_then(|k| Some((k, k.form(candidate.form)?))) {
+                let values = values.clone();
+                rig.effects.push(Effect { kind, form, values });
+            }
+        }
+        rig
+    }
+
+    /// The noise of each record.
+    pub fn noise(&self) -> Vec<Noise> {
+        self.records.iter().map(|record| record.noise).collect()
+    }
+}
+
+/// A record with some columns of another.
+fn with_columns(record: &Record, names: &[&str]) -> Record {
+    let mut copy = Record::new(record.time_s().to_vec());
+    for name in names {
+        if let Some(values) = record.column(name) {
+            copy.set(name, values.to_vec());
+        }
+    }
+    copy
+}
+
+impl Prepared {
+    /// `record` with the contraction that an encoder with play has read so.
+    fn unplayed<'a>(&self, rig: &Rig, record: &'a Record) -> Cow<'a, Record> {
+        let length_m = rig.muscle.initial_length_m;
+        let plays = rig.effects.iter().map(|effect| match (effect.form.build)(&effect.values) {
+            Term::Sensor(term) => term.play(length_m),
+            _ => 0.0,
+        });
+        let play: f64 = plays.sum();
+        let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
+            return Cow::Borrowed(record);
+        };
+        let true_contraction = contraction.iter().zip(&self.sides).map(|(c, side)| c + side * play);
+        let mut record = record.clone();
+        record.set(CONTRACTION, true_contraction.collect());
+        Cow::Owned(record)
+    }
+
+    fn new(rig: &Rig, record: &Record) -> Result<Prepared, BadInput> {
+        let of = |name: &str| record.column(name).map_or(0.0, noise);
+        let noise = Noise {
+            pressure_pa: of(PRESSURE_PA).max(1.0),
+            contraction: of(CONTRACTION).max(1e-7),
+            force_n: of(FORCE_N).max(1e-3),
+        };
+        let contraction = record.require(CONTRACTION)?;
+        let mut prepared = Prepared {
+            gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
+                with_columns(
+                    record,
+                    &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, "supply_pa"],
+                )
+            }),
+            measured: with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]),
+            noise,
+            places: Vec::new(),
+            rates_per_s: vec![0.0; contraction.len()],
+            directions: vec![0.0; contraction.len()],
+            sides: vec![0.0; contraction.len()],
+            landings_s: Vec::new(),
+        };
+        for row in 0..contraction.len() {
+            let time_s = record.time_s()[row];
+            let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
+            let rate_per_s = kernel.first(contraction);
+            let error = noise.contraction * norm(&kernel.first);
+            prepared.rates_per_s[row] = rate_per_s;
+            if rate_per_s.abs() > SPEED_ERRORS * error {
+                prepared.directions[row] = rate_per_s.signum();
+            }
+        }
+        prepared.sides = bridged(&prepared.directions);
+        let Load::Weight(weight) = rig.load else {
+            return Ok(prepared);
+        };
+        let time_s = record.time_s();
+        prepared.landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
+        // Surely one way only where all of the neighbourhood goes that way.
+        let surely: Vec<f64> = (0..time_s.len())
+            .map(|row| {
+                let from = time_s.partition_point(|t| *t < time_s[row] - TURN_S);
+                let to = time_s.partition_point(|t| *t <= time_s[row] + TURN_S);
+                let own = prepared.directions[row];
+                let agree = prepared.directions[from..to].iter().all(|d| *d == own);
+                if agree { own } else { 0.0 }
+            })
+            .collect();
+        prepared.directions = surely;
+        prepared.places(rig, &weight);
+        Ok(prepared)
+    }
+
+    /// Where the balance of the load is looked at: away from ends, gaps and the stop.
+    fn places(&mut self, rig: &Rig, weight: &Weight) {
+        let time_s = self.measured.time_s();
+        let (Some(contraction), Some(pressure_pa)) = (
+            self.measured.column(CONTRACTION),
+            self.measured.column(PRESSURE_PA),
+        ) else {
+            return;
+        };
+        let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
+        let count = ((last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S) / SPACING_S).max(0.0);
+        for number in 0..count as usize {
+            let at_s = first_s + SKIP_S + number as f64 * SPACING_S;
+            let kernel = Kernel::at(time_s, at_s, KERNEL_S);
+            let rows = kernel.rows.clone();
+            let present = rows
+                .clone()
+                .all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan());
+            let lifted = rows
+                .clone()
+                .all(|r| contraction[r] > 5.0 * self.noise.contraction + 1e-4);
+            if rows.len() < 5 || !present || !lifted {
+                continue;
+            }
+            let middle = rows.start + rows.len() / 2;
+            let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
+            let per_pressure_m2 = rig.muscle.force_per_pressure_m2(at);
+            let stiffness_n = (rig.muscle.force_n(at + 1e-4, pressure)
+                - rig.muscle.force_n(at - 1e-4, pressure))
+                / 2e-4;
+            let length_m = rig.muscle.initial_length_m;
+            let by_contraction: Vec<f64> = (0..rows.len())
+                .map(|i| {
+                    stiffness_n * kernel.value[i]
+                        - weight.mass_kg * length_m * kernel.second[i]
+                        - weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
+                })
+                .collect();
+            let from_pressure_n = per_pressure_m2 * self.noise.pressure_pa * norm(&kernel.value);
+            let from_contraction_n = self.noise.contraction * norm(&by_contraction);
+            // Between samples the pressure is taken to be straight.
+            let bent = |row: usize| {
+                let at = |row: usize| pressure_pa[row.min(pressure_pa.len() - 1)];
+                let second = at(row + 1) - 2.0 * at(row) + at(row.saturating_sub(1));
+                (second.abs() - 3.0 * self.noise.pressure_pa).max(0.0) / 12.0
+            };
+            let weights = kernel.value.iter().zip(rows.clone());
+            let from_sampling_n =
+                per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
+            let noise_n = from_pressure_n
+                .hypot(from_contraction_n)
+                .hypot(from_sampling_n)
+                .hypot(FORCE_FLOOR_N);
+            self.places.push(Place {
+                acceleration_per_s2: kernel.second(contraction),
+                rate_per_s: kernel.first(contraction),
+                per_noise: 1.0 / noise_n,
+                weights: kernel.value,
+                rows,
+            });
+        }
+    }
+}
+
+fn norm(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+}
+
+/// A Gaussian and its derivatives as weights of rows: what value, slope and curvature of a signal
+/// smoothed by the Gaussian are. Smoothing a balance of forces with the first leaves its other two
+/// to the contraction.
+struct Kernel {
+    rows: std::ops::Range<usize>,
+    value: Vec<f64>,
+    first: Vec<f64>,
+    second: Vec<f64>,
+}
+
+impl Kernel {
+    fn at(time_s: &[f64], at_s: f64, width_s: f64) -> Kernel {
+        let reach_s = KERNEL_REACH * width_s;
+        let start = time_s.partition_point(|t| *t < at_s - reach_s);
+        let end = time_s.partition_point(|t| *t <= at_s + reach_s);
+        let last = time_s.len() - 1;
+        let base = |row: usize| {
+            let z = (time_s[row] - at_s) / width_s;
+            let span_s = 0.5 * (time_s[(row + 1).min(last)] - time_s[row.saturating_sub(1)]);
+            (z, span_s * (-0.5 * z * z).exp())
+        };
+        let weights = |polynomial: fn(f64) -> f64, moment: i32, of: f64| -> Vec<f64> {
+            let rows = (start..end).map(base);
+            let mut weights: Vec<f64> = rows.clone().map(|(z, g)| polynomial(z) * g).collect();
+            // Exact for constants, whatever the rows' times.
+            if moment > 0 {
+                let excess = weights.iter().sum::<f64>() / rows.clone().map(|(_, g)| g).sum::<f64>();
+                for (weight, (_, g)) in weights.iter_mut().zip(rows.clone()) {
+                    *weight -= excess * g;
+                }
+            }
+            let found: f64 = weights.iter().zip(rows).map(|(w, (z, _))| w * z.powi(moment)).sum();
+            weights.iter().map(|weight| weight * of / found).collect()
+        };
+        Kernel {
+            rows: start..end,
+            value: weights(|_| 1.0, 0, 1.0),
+            first: weights(|z| z, 1, 1.0 / width_s),
+            second: weights(|z| z * z - 1.0, 2, 2.0 / (width_s * width_s)),
+        }
+    }
+
+    fn first(&self, values: &[f64]) -> f64 {
+        dot(&self.first, &values[self.rows.clone()])
+    }
+
+    fn second(&self, values: &[f64]) -> f64 {
+        dot(&self.second, &values[self.rows.clone()])
+    }
+}
+
+fn dot(weights: &[f64], values: &[f64]) -> f64 {
+    weights
+        .iter()
+        .zip(values)
+        .map(|(weight, value)| weight * value)
+        .sum()
+}
+
+impl Model for MuscleModel {
+    fn records(&self) -> usize {
+        self.records.len()
+    }
+
+    fn fitted(&self) -> usize {
+        self.fitted
+    }
+
+    fn blocks(&self) -> &[&'static str] {
+        &self.blocks
+    }
+
+    fn nominal_blocks(&self) -> &[Vec<usize>] {
+        &self.nominal_blocks
+    }
+
+    fn candidates(&self) -> &[Candidate] {
+        &self.candidates
+    }
+
+    fn residuals(
+        &self,
+        record: usize,
+        block: usize,
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Vec<f64>> {
+        let record = &self.records[record];
+        let rig = self.fitted(nominal, effects);
+        match self.blocks[block] {
+            GAS => gas_residuals(record, rig),
+            FORCE => force_residuals(record, rig),
+            _ => self.load_residuals(record, rig),
+        }
+    }
+}
+
+/// Runs `rig` with a prescribed load on the inputs of `record`: what is read, and the true force.
+fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading, f64)>> {
+    let inputs = Inputs::new(rig, record).ok()?;
+    let plant = Plant::new(rig, inputs.simulated).ok()?;
+    let first = |name: &str| {
+        record
+            .column(name)
+            .and_then(|c| c.iter().find(|v| !v.is_nan()))
+    };
+    let initial = Initial {
+        time_s: record.time_s()[0],
+        contraction: inputs.contraction(0)?,
+        contraction_rate_per_s: 0.0,
+        pressure: inputs
+            .pressure(0)
+            .or(first(PRESSURE_PA).map(|p| GaugePa(*p)))?,
+        temperature_k: plant.ambient_temperature_k,
+    };
+    let rows = record.time_s().len();
+    let mut out = Vec::with_capacity(rows);
+    let start_s = record.time_s()[0];
+    let visit = |row: usize, simulation: &crate::plant::simulation::Simulation| {
+        out.push((simulation.read(), simulation.force_n()));
+        let spent_s = record.time_s()[row] - start_s;
+        let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
+        if simulation.work().steps as f64 > most {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    };
+    inputs.run(plant, &initial, TOLERANCE, rows, visit).ok()?;
+    (out.len() == rows).then_some(out)
+}
+
+/// The first row that is compared.
+fn begin(record: &Record) -> usize {
+    let time_s = record.time_s();
+    time_s.partition_point(|t| *t < time_s[0] + SKIP_S)
+}
+
+fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+    rig.load = Load::Prescribed;
+    let inputs = record.gas.as_ref()?;
+    let measured = inputs.column(PRESSURE_PA)?;
+    let read = run(&rig, &record.unplayed(&rig, inputs))?;
+    let time_s = inputs.time_s();
+    let landed = |row: usize| {
+        let mut landings = record.landings_s.iter();
+        landings.any(|s| (-0.02..LANDING_S).contains(&(time_s[row] - s)))
+    };
+    let rows = begin(inputs)..measured.len();
+    let present = rows.filter(|row| !measured[*row].is_nan() && !landed(*row));
+    let residuals =
+        present.map(|row| (read[row].0.pressure.0 - measured[row]) / record.noise.pressure_pa);
+    Some(residuals.collect())
+}
+
+/// Force against its sensor, averaged over each kernel's spacing so that it is as white as its noise.
+fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+    rig.load = Load::Prescribed;
+    let measured = record.measured.column(FORCE_N)?;
+    let read = run(&rig, &record.unplayed(&rig, &record.measured))?;
+    let contraction = record.measured.column(CONTRACTION)?;
+    let mut residuals = Vec::with_capacity(measured.len());
+    for row in begin(&record.measured)..measured.len() {
+        if measured[row].is_nan() {
+            continue;
+        }
+        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[row]);
+        let noise_n = (per_pressure_m2 * record.noise.pressure_pa)
+            .hypot(record.noise.force_n)
+            .hypot(FORCE_FLOOR_N);
+        residuals.push((read[row].0.force_n - measured[row]) / noise_n);
+    }
+    Some(residuals)
+}
+
+impl MuscleModel {
+    /// How far the balance of forces on the weight lies outside what friction can take up.
+    fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+        let Load::Weight(weight) = rig.load else {
+            return None;
+        };
+        let mut load = LoadBlock {
+            weight,
+            initial_length_m: rig.muscle.initial_length_m,
+            terms: Terms::default(),
+        };
+        for effect in rig
+            .effects
+            .iter()
+            .filter(|effect| effect.kind.block == "load")
+        {
+            if let Term::Load(term) = (effect.form.build)(&effect.values) {
+                load.terms.push(term, 0);
+            }
+        }
+        let force_n: Vec<f64> = if self.blocks.contains(&FORCE) {
+            record.measured.column(FORCE_N)?.to_vec()
+        } else {
+            rig.load = Load::Prescribed;
+            run(&rig, &record.unplayed(&rig, &record.measured))?
+                .into_iter()
+                .map(|(_, force_n)| force_n)
+                .collect()
+        };
+        let contraction = record.measured.column(CONTRACTION)?;
+        let time_s = record.measured.time_s();
+        // States of terms are at rest here: forms that have some are judged without them.
+        let rest = [0.0; 8];
+        let rows: Vec<[f64; 3]> = (0..time_s.len())
+            .map(|row| {
+                let direction = record.directions[row];
+                let at = LoadPoint {
+                    time_s: time_s[row],
+                    contraction: contraction[row],
+                    contraction_rate_per_s: record.rates_per_s[row],
+                    direction,
+                    initial_length_m: load.initial_length_m,
+                };
+                let (weight, lifting_n) = load.constants(&at, &rest);
+                let (middle_n, reach_n) = if direction == 0.0 {
+                    (0.0, weight.static_friction_n)
+                } else {
+                    (direction * weight.coulomb_friction_n, 0.0)
+                };
+                let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+                [
+                    force_n[row] + lifting_n - weight_n - middle_n,
+                    reach_n,
+                    weight.mass_kg,
+                ]
+            })
+            .collect();
+        let residuals = record.places.iter().map(|place| {
+            let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+            for (weight, row) in place.weights.iter().zip(&rows[place.rows.clone()]) {
+                balance_n += weight * row[0];
+                reach_n += weight * row[1];
+                mass_kg += weight * row[2];
+            }
+            balance_n -= mass_kg * load.initial_length_m * place.acceleration_per_s2
+                + load.weight.viscous_damping_ns_per_m * load.initial_length_m * place.rate_per_s;
+            let outside_n = balance_n - balance_n.clamp(-reach_n.abs(), reach_n.abs());
+            outside_n * place.per_noise
+        });
+        Some(residuals.collect())
+    }
+}
