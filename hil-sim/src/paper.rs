@@ -136,10 +136,10 @@ impl AssistRun {
         format!("{name}: {fault}the force {lag}; RMS of F_c − F {error_n:.1} N.")
     }
 
-    /// The fault that the controller latched.
+    /// The fault that the controller had latched at the end.
     pub fn fault(&self) -> Option<String> {
-        let fault = self.ticks.iter().find_map(|tick| tick.output.fault);
-        fault.map(|fault| format!("{fault:?}"))
+        let fault = self.ticks.last()?.output.fault?;
+        Some(format!("{fault:?}"))
     }
 }
 

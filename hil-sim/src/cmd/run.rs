@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 .ticks
                 .last()
                 .map(|tick| format!("{:?}", tick.output.mode)),
-            fault: fault(run),
+            fault: run.fault(),
             record: path.display().to_string(),
         });
     }
@@ -198,10 +198,4 @@ fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun
             progress.step()
         })?]),
     }
-}
-
-/// The fault that the controller had latched at the end of a run.
-fn fault(run: &AssistRun) -> Option<String> {
-    let fault = run.ticks.last()?.output.fault?;
-    Some(format!("{fault:?}"))
 }
