@@ -2,7 +2,7 @@
 
 use super::{Common, Progress};
 use crate::Failure;
-use hil_sim::closed_loop::{CHECKED_S, Error, Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
@@ -142,7 +142,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let common = &args.common;
     let rig = common.rig()?;
     let experiment = args.scenario.experiment()?;
-    let runs = runs(args, &rig, &experiment).map_err(|error| error.of(&rig))?;
+    let runs = runs(args, &rig, &experiment)?;
     eprintln!("seed: {}", args.scenario.seed);
     let mut summary = Summary {
         seed: args.scenario.seed,
@@ -188,7 +188,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both of the paper's valves, or the rig's.
-fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
+fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, BadInput> {
     let valves = if args.common.rig.is_none() { 2.0 } else { 1.0 };
     let ticks = (valves * experiment.duration_s / TICK_S) as u64;
     let progress = Progress::new("running", ticks);

@@ -12,6 +12,8 @@ use super::{
     CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, STATES_MAX,
     TEMPERATURE,
 };
+use crate::error::BadInput;
+use crate::rig::Rig;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::collections::VecDeque;
 
@@ -69,6 +71,11 @@ impl SimulationError {
         match self {
             SimulationError::NoStep { time_s, .. } | SimulationError::Chatter { time_s } => *time_s,
         }
+    }
+
+    /// What is said to the user of `rig`, which has no inputs that could be at fault.
+    pub fn of(&self, rig: &Rig) -> BadInput {
+        rig.bad_file(&format!("a rig whose plant can be followed, {self}"))
     }
 }
 
