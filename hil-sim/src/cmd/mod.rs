@@ -103,10 +103,9 @@ fn print(text: &str) -> Result<(), NotWritten> {
         .write_all(text.as_bytes())
         .and_then(|()| stdout.flush());
     match written {
-        Err(source) if source.kind() != ErrorKind::BrokenPipe => Err(NotWritten {
-            path: "stdout".into(),
-            source,
-        }),
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+            Err(NotWritten::new("stdout", source))
+        }
         _ => Ok(()),
     }
 }
