@@ -95,6 +95,15 @@ fn this_command() -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
+/// Reads a number from `min` to `max`.
+fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| match text.parse() {
+        Ok(value) if (min..=max).contains(&value) => Ok(value),
+        // Not as `{}`, which writes out the zeros of 1e-12.
+        _ => Err(format!("expected a number from {min:?} to {max:?}")),
+    }
+}
+
 /// Prints results. A reader that has gone (`| head`) is no error.
 fn print(text: &str) -> Result<(), NotWritten> {
     use std::io::{ErrorKind, Write};

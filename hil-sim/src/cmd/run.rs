@@ -1,6 +1,6 @@
 //! `hil-sim run`.
 
-use super::{Common, Progress};
+use super::{Common, Progress, between};
 use crate::Failure;
 use hil_sim::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
@@ -71,14 +71,6 @@ pub struct Scenario {
 
 /// The longest run \[s\].
 const DURATION_S_MAX: f64 = 1e3;
-
-/// Reads a number from `min` to `max`.
-pub fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
-    move |text| match text.parse() {
-        Ok(value) if (min..=max).contains(&value) => Ok(value),
-        _ => Err(format!("expected a number from {min} to {max}")),
-    }
-}
 
 #[derive(Serialize)]
 struct Summary {
