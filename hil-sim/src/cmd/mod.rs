@@ -66,6 +66,11 @@ impl Common {
         Ok(self.out.join(file))
     }
 
+    /// The path of the record of the run `name`.
+    fn record_path(&self, name: &str) -> Result<PathBuf, BadInput> {
+        self.path(&(name.replace(' ', "-") + ".csv"))
+    }
+
     /// Writes report.html and prints the summary, in words or as JSON.
     fn finish(&self, mut report: Report, summary: &impl Serialize) -> Result<(), Failure> {
         let path = self.path("report.html")?;

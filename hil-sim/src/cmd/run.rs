@@ -141,7 +141,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         runs: Vec::new(),
     };
     for run in &runs {
-        let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
+        let path = common.record_path(&run.name)?;
         if args
             .scenario
             .finger
@@ -181,13 +181,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// Both of the paper's valves, or the rig's.
 fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, BadInput> {
-    let valves = if args.common.rig.is_none() { 2.0 } else { 1.0 };
+    let both = args.common.is_reference();
+    let valves = if both { 2.0 } else { 1.0 };
     let ticks = (valves * experiment.duration_s / TICK_S) as u64;
     let progress = Progress::new("running", ticks);
-    match args.common.rig {
-        None => both_valves(rig, experiment, &|| progress.step()),
-        Some(_) => Ok(vec![assist("assist", rig, experiment, &|| {
-            progress.step()
-        })?]),
+    let tick_done = || progress.step();
+    if both {
+        both_valves(rig, experiment, &tick_done)
+    } else {
+        Ok(vec![assist("assist", rig, experiment, &tick_done)?])
     }
 }
