@@ -198,9 +198,7 @@ fn one(
     name: &str,
     job: &Job,
 ) -> Result<Done, Failure> {
-    let path = args
-        .common
-        .path(&format!("{}.csv", name.replace(' ', "-")))?;
+    let path = args.common.record_path(name)?;
     let recorder = Recorder::create(&path)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
     // The record of what the board did, against the controller of this program.
