@@ -567,6 +567,7 @@ fn report(
         text: vec![text.into()],
         tables,
         plots,
+        ..Section::default()
     };
     Ok(Report {
         title: "Power assist with a rubber artificial muscle (Kagawa, Fujita, Kawashima)".into(),

@@ -234,6 +234,42 @@ impl Rig {
         Ok(())
     }
 
+    /// `text`, the rig's file, with the nominal values and effects of this rig; comments and
+    /// whatever is the same stay.
+    ///
+    /// # Errors
+    /// The text is no TOML.
+    pub fn rewritten(&self, text: &str) -> Result<String, toml_edit::TomlError> {
+        let mut document: toml_edit::DocumentMut = text.parse()?;
+        let mut own = self.clone();
+        for tolerance in &self.tolerances {
+            let value = own.value_mut(&tolerance.section, &tolerance.key).map(|value| *value);
+            let item = document
+                .get_mut(&tolerance.section)
+                .and_then(|section| section.get_mut(&tolerance.key));
+            if let (Some(value), Some(item)) = (value, item.and_then(|item| item.as_value_mut())) {
+                let decor = item.decor().clone();
+                *item = value.into();
+                *item.decor_mut() = decor;
+            }
+        }
+        let effects = |document: &toml_edit::DocumentMut| {
+            let effects = document.get("effect");
+            let tables = effects.and_then(|item| item.as_array_of_tables());
+            let inline = effects.and_then(|item| item.as_array());
+            tables.map(|t| t.len()).or(inline.map(|a| a.len())).unwrap_or(0)
+        };
+        let known = effects(&document);
+        let mut text = document.to_string();
+        for effect in self.effects.iter().skip(known) {
+            if !text.ends_with("\n\n") {
+                text += if text.ends_with('\n') { "\n" } else { "\n\n" };
+            }
+            text += &effect.to_toml();
+        }
+        Ok(text)
+    }
+
     /// The nominal value at `section.key`, if the rig has it.
     pub fn value_mut(&mut self, section: &str, key: &str) -> Option<&mut f64> {
         let weight = match &mut self.load {

@@ -173,6 +173,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             ],
             tables: vec![tracking_table(&runs)],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     };

@@ -57,6 +57,17 @@ pub struct Candidate {
 /// A candidate with values of its parameters.
 pub type Active = (usize, Vec<f64>);
 
+/// A quantity beside each residual of a block.
+#[derive(Clone, Debug)]
+pub struct Coordinate {
+    /// Its name. A `direction` is −1, 0 or 1.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Its values.
+    pub values: Vec<f64>,
+}
+
 /// What is diagnosed.
 pub trait Model: Sync {
     /// How many records there are; those that are fitted come first.
@@ -79,6 +90,11 @@ pub trait Model: Sync {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Vec<f64>>;
+    /// How badly free runs of a record miss what no block's residuals show well, as a cost with
+    /// bounded influence; 0 where there is no such thing.
+    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;
+    /// Against what the residuals of a block over a record are looked at.
+    fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
 }
 
 /// Half a sum of squares, tamed, and of how many residuals.
@@ -112,13 +128,47 @@ pub struct Fit {
     pub parts: Vec<Part>,
     /// Half the sum of squares of the priors.
     pub prior: f64,
+    /// Cost of free runs over all records; 0 until it is asked for.
+    pub free_run: f64,
     /// Parameters of the candidates as the fit moves them, candidate by candidate.
     coordinates: Vec<Vec<f64>>,
 }
 
 impl Fit {
-    fn cost(&self) -> f64 {
-        self.prior + self.parts.iter().map(|part| part.fitted.cost).sum::<f64>()
+    fn nothing(nominals: usize) -> Fit {
+        Fit {
+            nominal: vec![0.0; nominals],
+            effects: Vec::new(),
+            parts: Vec::new(),
+            prior: 0.0,
+            free_run: 0.0,
+            coordinates: Vec::new(),
+        }
+    }
+
+    /// Adds the fit of other blocks.
+    fn join(&mut self, other: Fit) {
+        for (own, value) in self.nominal.iter_mut().zip(&other.nominal) {
+            *own += value;
+        }
+        self.effects.extend(other.effects);
+        self.parts.extend(other.parts);
+        self.prior += other.prior;
+        self.coordinates.extend(other.coordinates);
+    }
+
+    /// Puts effects and blocks in the model's order.
+    fn sort(&mut self) {
+        self.parts.sort_by_key(|part| part.block);
+        let mut effects: Vec<_> = self.effects.drain(..).zip(self.coordinates.drain(..)).collect();
+        effects.sort_by_key(|((candidate, _), _)| *candidate);
+        (self.effects, self.coordinates) = effects.into_iter().unzip();
+    }
+
+    /// Cost of what was fitted, predicted and run freely, priors included.
+    pub fn score(&self) -> f64 {
+        let parts = self.parts.iter().map(|part| part.fitted.cost + part.predicted.cost);
+        self.prior + self.free_run + parts.sum::<f64>()
     }
 }
 
@@ -133,6 +183,12 @@ const STEP: f64 = 1e-3;
 const START_FACTOR: f64 = 4.0;
 /// Starts that are followed.
 const STARTS: usize = 2;
+/// Relative changes of cost and parameters below which a fit ends, and evaluations it may take: for
+/// a comparison, and for a result.
+const LOOSE: (f64, f64, usize) = (3e-4, 1e-3, 24);
+const TIGHT: (f64, f64, usize) = (1e-6, 1e-4, 60);
+/// Stretches of time into which a record is cut for the scatter of its residuals.
+const CLUSTERS: usize = 20;
 
 struct Problem<'a, M> {
     model: &'a M,
@@ -140,6 +196,8 @@ struct Problem<'a, M> {
     /// The nominal values that are free.
     free: &'a [usize],
     candidates: &'a [usize],
+    /// The nominal values are held for now.
+    held: bool,
     x: DVector<f64>,
     /// The residuals at `x`, block by block of each record.
     at: Option<Vec<Vec<f64>>>,
@@ -204,13 +262,64 @@ impl<M: Model> Problem<'_, M> {
         }
     }
 
+    /// The problem at its minimum near `x`.
+    fn minimized(mut self, x: &DVector<f64>, (cost, step, evaluations): (f64, f64, usize)) -> Self {
+        self.set_params(x);
+        if x.is_empty() || self.at.is_none() {
+            return self;
+        }
+        let minimizer = LevenbergMarquardt::new()
+            .with_patience(1 + evaluations / x.len())
+            .with_ftol(cost)
+            .with_xtol(step);
+        let (mut found, _) = minimizer.minimize(self);
+        if found.at.is_none() {
+            found.set_params(x);
+        }
+        found
+    }
+
+    /// The fit where the problem stands, with what it predicts.
+    fn into_fit(self) -> Option<Fit> {
+        let (nominal, effects) = (self.nominal(&self.x), self.effects(&self.x));
+        let part = |block: &usize| Part {
+            block: *block,
+            fitted: Tally::default(),
+            predicted: Tally::default(),
+        };
+        let mut parts: Vec<Part> = self.blocks.iter().map(part).collect();
+        for ((_, block), residuals) in self.pieces().zip(self.at.as_ref()?) {
+            for part in parts.iter_mut().filter(|part| part.block == block) {
+                part.fitted += tally(residuals);
+            }
+        }
+        for record in self.model.fitted()..self.model.records() {
+            for part in &mut parts {
+                let residuals = self.model.residuals(record, part.block, &nominal, &effects)?;
+                part.predicted += tally(&residuals);
+            }
+        }
+        let priors = (0..self.x.len()).map(|place| self.prior(place).0);
+        let mut values = self.x.iter().skip(self.free.len()).copied();
+        let all = self.model.candidates();
+        let own = |c: &usize| values.by_ref().take(all[*c].parameters.len()).collect();
+        Some(Fit {
+            prior: 0.5 * priors.map(|r| r * r).sum::<f64>(),
+            free_run: 0.0,
+            coordinates: self.candidates.iter().map(own).collect(),
+            nominal,
+            effects,
+            parts,
+        })
+    }
+
     fn evaluate(&mut self) {
         self.at = self.pieces().map(|piece| self.piece(&self.x, piece)).collect();
     }
 
     /// How the residuals of `piece`, which are `base`, change with coordinate `place`.
     fn column(&self, place: usize, piece: (usize, usize), base: &[f64]) -> Option<Vec<f64>> {
-        if !self.moves(place, piece.1) {
+        if !self.moves(place, piece.1) || (self.held && place < self.free.len()) {
             return Some(vec![0.0; base.len()]);
         }
         let mut moved = self.x.clone();
@@ -305,17 +414,6 @@ pub struct Hypothesis {
     pub fit: Fit,
 }
 
-impl Hypothesis {
-    /// Cost of what was fitted, priors included.
-    pub fn cost(&self) -> f64 {
-        self.fit.cost()
-    }
-    /// Cost of what was predicted.
-    pub fn predicted(&self) -> f64 {
-        self.fit.parts.iter().map(|part| part.predicted.cost).sum()
-    }
-}
-
 impl<'a, M: Model> Engine<'a, M> {
     /// An engine for `model`.
     pub fn new(model: &'a M) -> Self {
@@ -366,90 +464,156 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
-        let nominal_blocks = self.model.nominal_blocks();
-        let free: Vec<usize> = (0..nominal_blocks.len())
-            .filter(|n| nominal_blocks[*n].iter().any(|block| blocks.contains(block)))
-            .collect();
-        let parameters: Vec<Parameter> = candidates
-            .iter()
-            .flat_map(|candidate| self.model.candidates()[*candidate].parameters.clone())
-            .collect();
+        let free = self.free(blocks);
+        let all = self.model.candidates();
+        let parameters = candidates.iter().flat_map(|c| &all[*c].parameters).copied();
+        let parameters: Vec<Parameter> = parameters.collect();
         let mut problem = Problem {
             model: self.model,
             blocks,
             free: &free,
             candidates,
+            held: false,
             x: DVector::zeros(0),
             at: None,
         };
-        // Look at every start, follow the best.
-        let mut begun: Vec<(f64, Vec<f64>)> = Vec::new();
+        // Every start is looked at, the best are followed.
+        let mut begun: Vec<(f64, DVector<f64>)> = Vec::new();
         let starts = starts(&parameters);
-        let single = starts.len() == 1;
+        let only = starts.len() <= STARTS;
         for start in starts {
-            let x: Vec<f64> = free.iter().map(|_| 0.0).chain(start).collect();
-            let cost = if single {
-                0.0
-            } else {
-                problem.set_params(&DVector::from_vec(x.clone()));
-                problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared())
-            };
+            let x = DVector::from_iterator(
+                free.len() + start.len(),
+                free.iter().map(|_| 0.0).chain(start),
+            );
+            let mut cost = 0.0;
+            if !only {
+                problem.set_params(&x);
+                cost = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
+            }
             begun.push((cost, x));
         }
         begun.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<(f64, DVector<f64>)> = None;
         for (_, x) in begun.into_iter().take(STARTS) {
-            problem.set_params(&DVector::from_vec(x));
-            if problem.at.is_none() {
+            // First the effects alone: else nominal values take up what is theirs.
+            problem.held = !candidates.is_empty();
+            problem = problem.minimized(&x, LOOSE);
+            problem.held = false;
+            let x = problem.x.clone();
+            problem = problem.minimized(&x, LOOSE);
+            let Some(residuals) = problem.residuals() else {
                 continue;
-            }
-            if !problem.x.is_empty() {
-                let minimizer = LevenbergMarquardt::new()
-                    .with_patience(1 + 24 / problem.x.len())
-                    .with_ftol(1e-4)
-                    .with_xtol(1e-3);
-                (problem, _) = minimizer.minimize(problem);
-            }
-            let Some(residuals) = problem.residuals() else { continue };
+            };
             let cost = residuals.norm_squared();
             if best.as_ref().is_none_or(|best| cost < best.0) {
                 best = Some((cost, problem.x.clone()));
             }
         }
-        let (_, x) = best?;
-        problem.set_params(&x);
-        let (nominal, effects) = (problem.nominal(&x), problem.effects(&x));
-        let mut parts: Vec<Part> = blocks
-            .iter()
-            .map(|block| Part {
-                block: *block,
-                fitted: Tally::default(),
-                predicted: Tally::default(),
-            })
-            .collect();
-        for ((_, block), residuals) in problem.pieces().zip(problem.at.as_ref()?) {
-            if let Some(part) = parts.iter_mut().find(|part| part.block == block) {
-                part.fitted += tally(residuals);
-            }
+        problem.set_params(&best?.1);
+        problem.into_fit()
+    }
+
+    /// The nominal values on which `blocks` depend.
+    fn free(&self, blocks: &[usize]) -> Vec<usize> {
+        let nominal_blocks = self.model.nominal_blocks();
+        let depends = |n: &usize| nominal_blocks[*n].iter().any(|block| blocks.contains(block));
+        (0..nominal_blocks.len()).filter(depends).collect()
+    }
+
+    fn finished(&self, candidates: Vec<usize>, mut fit: Fit) -> Option<Hypothesis> {
+        fit.sort();
+        for record in 0..self.model.records() {
+            fit.free_run += self.model.free_run(record, &fit.nominal, &fit.effects)?;
         }
-        for record in self.model.fitted()..self.model.records() {
-            for part in &mut parts {
-                let residuals = self.model.residuals(record, part.block, &nominal, &effects)?;
-                part.predicted += tally(&residuals);
-            }
+        Some(Hypothesis { candidates, fit })
+    }
+
+    /// `hypothesis` with its minimum found to the last digit that matters.
+    pub fn polished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
+        for (blocks, touching) in self.groups(&hypothesis.candidates) {
+            let free = self.free(&blocks);
+            let coordinates = touching.iter().flat_map(|candidate| {
+                let effects = hypothesis.fit.effects.iter();
+                let place = effects.take_while(|(own, _)| own != candidate).count();
+                hypothesis.fit.coordinates[place].clone()
+            });
+            let nominal = free.iter().map(|n| hypothesis.fit.nominal[*n]);
+            let x: Vec<f64> = nominal.chain(coordinates).collect();
+            let problem = Problem {
+                model: self.model,
+                blocks: &blocks,
+                free: &free,
+                candidates: &touching,
+                held: false,
+                x: DVector::zeros(0),
+                at: None,
+            };
+            let problem = problem.minimized(&DVector::from_vec(x), TIGHT);
+            let x = problem.x.clone();
+            joint.join(problem.minimized(&x, TIGHT).into_fit()?);
         }
-        let priors = (0..x.len()).map(|place| problem.prior(place).0);
-        Some(Fit {
-            prior: 0.5 * priors.map(|r| r * r).sum::<f64>(),
-            nominal,
-            effects,
-            parts,
-            coordinates: {
-                let mut values = x.iter().skip(free.len()).copied();
-                let of = |c: &usize| self.model.candidates()[*c].parameters.len();
-                candidates.iter().map(|c| values.by_ref().take(of(c)).collect()).collect()
-            },
-        })
+        self.finished(hypothesis.candidates.clone(), joint)
+    }
+
+    /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 % intervals.
+    ///
+    /// From the Jacobian and the scatter of its products with the residuals from one stretch of
+    /// time to the next (White's estimator, clustered), which holds when residuals are not white, or
+    /// their noise is not the assumed one; never narrower than the assumed noise makes them.
+    pub fn intervals(&self, hypothesis: &Hypothesis) -> Option<Vec<Vec<[f64; 2]>>> {
+        let blocks: Vec<usize> = (0..self.model.blocks().len()).collect();
+        let free = self.free(&blocks);
+        let own = hypothesis.fit.coordinates.iter().flatten();
+        let nominal = free.iter().map(|n| &hypothesis.fit.nominal[*n]);
+        let x: Vec<f64> = nominal.chain(own).copied().collect();
+        let mut problem = Problem {
+            model: self.model,
+            blocks: &blocks,
+            free: &free,
+            candidates: &hypothesis.candidates,
+            held: false,
+            x: DVector::from_vec(x),
+            at: None,
+        };
+        problem.evaluate();
+        let residuals = problem.residuals()?;
+        let jacobian = problem.jacobian()?;
+        let bread = (jacobian.transpose() * &jacobian).try_inverse()?;
+        let size = problem.x.len();
+        let mut filling = DMatrix::zeros(size, size);
+        let mut row = 0;
+        let mut clusters = 0;
+        for piece in problem.at.as_ref()? {
+            let length = piece.len().div_ceil(CLUSTERS).max(1);
+            for start in (0..piece.len()).step_by(length) {
+                let rows = length.min(piece.len() - start);
+                let part = jacobian.rows(row + start, rows);
+                let product = part.transpose() * residuals.rows(row + start, rows);
+                filling += &product * product.transpose();
+                clusters += 1;
+            }
+            row += piece.len();
+        }
+        // The priors count as observations that are met on average.
+        for place in 0..size {
+            filling[(place, place)] += problem.prior(place).1.powi(2);
+        }
+        let few = clusters as f64 / (clusters as f64 - size as f64).max(1.0);
+        let robust = &bread * filling * &bread * few;
+        let mut place = free.len();
+        let all = self.model.candidates();
+        let of = |candidate: &usize| {
+            let parameters = all[*candidate].parameters.iter().map(|parameter| {
+                let variance = robust[(place, place)].max(bread[(place, place)]);
+                let (x, reach) = (problem.x[place], 1.96 * variance.max(0.0).sqrt());
+                place += 1;
+                [parameter.value(x - reach), parameter.value(x + reach)]
+            });
+            parameters.map(|[a, b]| [a.min(b), a.max(b)]).collect()
+        };
+        Some(hypothesis.candidates.iter().map(of).collect())
     }
 
     /// What each candidate promises beyond `base`: by how much it would lower the cost of what is
@@ -463,6 +627,7 @@ impl<'a, M: Model> Engine<'a, M> {
             blocks: &blocks,
             free: &free,
             candidates: &base.candidates,
+            held: false,
             x: {
                 let own = base.fit.coordinates.iter().flatten();
                 DVector::from_vec(base.fit.nominal.iter().chain(own).copied().collect())
@@ -510,34 +675,11 @@ impl<'a, M: Model> Engine<'a, M> {
     pub fn hypothesis(&self, candidates: &[usize]) -> Option<Hypothesis> {
         let mut candidates = candidates.to_vec();
         candidates.sort_unstable();
-        let mut joint = Fit {
-            nominal: vec![0.0; self.model.nominal_blocks().len()],
-            effects: Vec::new(),
-            parts: Vec::new(),
-            prior: 0.0,
-            coordinates: Vec::new(),
-        };
+        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&candidates) {
-            let fit = self.group(&blocks, &touching)?;
-            for (place, value) in fit.nominal.iter().enumerate() {
-                joint.nominal[place] += value;
-            }
-            joint.effects.extend(fit.effects);
-            joint.coordinates.extend(fit.coordinates);
-            joint.parts.extend(fit.parts);
-            joint.prior += fit.prior;
+            joint.join(self.group(&blocks, &touching)?);
         }
-        joint.parts.sort_by_key(|part| part.block);
-        // In the candidates' order, after the nominal values.
-        let mut order: Vec<usize> = (0..joint.effects.len()).collect();
-        order.sort_by_key(|place| joint.effects[*place].0);
-        joint.effects = order.iter().map(|place| joint.effects[*place].clone()).collect();
-        let coordinates = order.iter().map(|place| joint.coordinates[*place].clone()).collect();
-        joint.coordinates = coordinates;
-        Some(Hypothesis {
-            candidates,
-            fit: joint,
-        })
+        self.finished(candidates, joint)
     }
 }
 

@@ -6,7 +6,8 @@
 //!   contraction through a smooth kernel, which takes the derivatives; where the weight stands
 //!   still, static friction may be anything up to its limit.
 
-use super::engine::{Active, Candidate, Model, Parameter};
+use super::Calibrated;
+use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use crate::effects::CATALOGUE;
 use crate::error::BadInput;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
@@ -15,7 +16,7 @@ use crate::plant::term::Terms;
 use crate::plant::{Plant, Term};
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Effect, Load, Rig, Weight};
-use crate::simulate::Inputs;
+use crate::simulate::{Inputs, simulate};
 use model_core::pressure::GaugePa;
 use std::borrow::Cow;
 use std::ops::ControlFlow;
@@ -41,8 +42,15 @@ const LANDING_S: f64 = 0.1;
 const LANDING_PER_S: f64 = 0.05;
 /// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
 /// are far from those of any rig.
-const STEPS_PER_S: f64 = 400.0;
-const STEPS_PER_ROW: f64 = 4.0;
+const STEPS_PER_S: f64 = 300.0;
+const STEPS_PER_ROW: f64 = 2.0;
+/// A free motion is as good as it can be when it is within so many times the noise: where a weight
+/// sticks is decided by less.
+const MOTION_NOISES: f64 = 5.0;
+/// Stops of a record that are independent of each other.
+const MOTION_STOPS: f64 = 20.0;
+/// Differences in one estimate of a signal's noise.
+const NOISE_STRETCH: usize = 50;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
 const FORCE_FLOOR_N: f64 = 0.1;
 
@@ -61,28 +69,34 @@ pub struct Noise {
     pub force_n: f64,
 }
 
-/// Standard deviation of the noise of `values`: from third differences, which a smooth signal
-/// leaves small, by their median, which jumps do not move; at least that of the quantisation.
+impl Noise {
+    /// That of the signal in a column.
+    pub fn of(&self, signal: &str) -> f64 {
+        match signal {
+            PRESSURE_PA => self.pressure_pa,
+            CONTRACTION => self.contraction,
+            _ => self.force_n,
+        }
+    }
+}
+
+/// Standard deviation of the noise of `values`, that of rounding included: from third differences,
+/// which a smooth signal leaves small; in stretches, of which the median is not moved by jumps.
 pub fn noise(values: &[f64]) -> f64 {
-    let present: Vec<f64> = values
-        .iter()
-        .copied()
-        .filter(|value| !value.is_nan())
+    let present = values.iter().copied().filter(|value| !value.is_nan());
+    let present: Vec<f64> = present.collect();
+    let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
+    let squares: Vec<f64> = present.windows(4).map(third).collect();
+    let mut means: Vec<f64> = squares
+        .chunks(NOISE_STRETCH)
+        .map(|stretch| stretch.iter().sum::<f64>() / stretch.len() as f64)
         .collect();
-    let quads = present.windows(4);
-    let mut differences: Vec<f64> = quads
-        .map(|v| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).abs())
-        .collect();
+    means.sort_by(f64::total_cmp);
     let mut steps: Vec<f64> = present.windows(2).map(|v| (v[1] - v[0]).abs()).collect();
     steps.retain(|step| *step > 0.0);
-    differences.sort_by(f64::total_cmp);
     steps.sort_by(f64::total_cmp);
-    // Of white noise: σ√20, whose median magnitude is 0.6745 of that.
-    let white = differences
-        .get(differences.len() / 2)
-        .copied()
-        .unwrap_or(0.0)
-        / 3.016;
+    // Of white noise of variance 1 the third differences have variance 20.
+    let white = means.get(means.len() / 2).map_or(0.0, |mean| (mean / 20.0).sqrt());
     let quantum = steps.get(steps.len() / 100).copied().unwrap_or(0.0);
     white.max(quantum / 12.0_f64.sqrt())
 }
@@ -111,8 +125,9 @@ struct Prepared {
     directions: Vec<f64>,
     /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
     sides: Vec<f64>,
-    /// When the weight landed on its stop.
-    landings_s: Vec<f64>,
+    /// Rows in which pressure and force are compared.
+    gas_rows: Vec<usize>,
+    force_rows: Vec<usize>,
 }
 
 /// Directions with each rest crossed in a straight line.
@@ -276,6 +291,44 @@ impl MuscleModel {
         rig
     }
 
+    /// The nominal values that `nominal` moves.
+    pub fn calibrated(&self, nominal: &[f64]) -> Vec<Calibrated> {
+        let mut rig = self.rig.clone();
+        let values = self.rig.tolerances.iter().zip(nominal);
+        let of = |(tolerance, deviation): (&crate::rig::Tolerance, &f64)| {
+            let value = *rig.value_mut(&tolerance.section, &tolerance.key)?;
+            Some(Calibrated {
+                key: format!("{}.{}", tolerance.section, tolerance.key),
+                values: [value, value * (1.0 + tolerance.relative_sigma * deviation)],
+                deviation: *deviation,
+            })
+        };
+        values.filter_map(of).collect()
+    }
+
+    /// The equations that a block is made of.
+    pub fn places(&self, block: &str) -> Vec<&'static str> {
+        match block {
+            GAS => vec![GAS],
+            FORCE => vec!["muscle-force"],
+            _ if self.blocks.contains(&FORCE) => vec![LOAD],
+            // One balance of forces for both.
+            _ => vec!["muscle-force", LOAD],
+        }
+    }
+
+    /// What the records cannot show.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if !self.blocks.contains(&FORCE) {
+            warnings.push("no force_n: the muscle's force is judged by the weight alone".into());
+        }
+        if !self.blocks.contains(&GAS) {
+            warnings.push("no pressure_ref_pa or valve: nothing is said of valve and gas".into());
+        }
+        warnings
+    }
+
     /// The noise of each record.
     pub fn noise(&self) -> Vec<Noise> {
         self.records.iter().map(|record| record.noise).collect()
@@ -332,7 +385,8 @@ impl Prepared {
             rates_per_s: vec![0.0; contraction.len()],
             directions: vec![0.0; contraction.len()],
             sides: vec![0.0; contraction.len()],
-            landings_s: Vec::new(),
+            gas_rows: Vec::new(),
+            force_rows: Vec::new(),
         };
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
@@ -345,11 +399,22 @@ impl Prepared {
             }
         }
         prepared.sides = bridged(&prepared.directions);
+        let time_s = record.time_s();
+        let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
+        let rows = |name: &str| -> Vec<usize> {
+            let column = record.column(name).unwrap_or_default();
+            (begin..column.len()).filter(|row| !column[*row].is_nan()).collect()
+        };
+        prepared.gas_rows = rows(PRESSURE_PA);
+        prepared.force_rows = rows(FORCE_N);
         let Load::Weight(weight) = rig.load else {
             return Ok(prepared);
         };
-        let time_s = record.time_s();
-        prepared.landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
+        let landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
+        prepared.gas_rows.retain(|row| {
+            let mut landings = landings_s.iter();
+            !landings.any(|s| (-0.02..LANDING_S).contains(&(time_s[*row] - s)))
+        });
         // Surely one way only where all of the neighbourhood goes that way.
         let surely: Vec<f64> = (0..time_s.len())
             .map(|row| {
@@ -513,6 +578,47 @@ impl Model for MuscleModel {
         &self.candidates
     }
 
+    /// The motion from the measured pressure: where the weight stays after each stop tells friction,
+    /// play and slack far better than the balance of forces does, which knows only a tube there.
+    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
+        let rig = self.fitted(nominal, effects);
+        if !matches!(rig.load, Load::Weight(_)) {
+            return Some(0.0);
+        }
+        let record = &self.records[record];
+        let simulated = simulate(&rig, &record.measured, TOLERANCE).ok()?;
+        let (is, was) = (simulated.column(CONTRACTION)?, record.measured.column(CONTRACTION)?);
+        let pairs = is.iter().zip(was).filter(|(_, was)| !was.is_nan());
+        let mean = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.count() as f64;
+        let scale = MOTION_NOISES * record.noise.contraction;
+        let cost = 0.5 * MOTION_STOPS * (1.0 + mean / (scale * scale)).ln();
+        cost.is_finite().then_some(cost)
+    }
+
+    fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
+        let record = &self.records[record];
+        let rows: Vec<usize> = match self.blocks[block] {
+            GAS => record.gas_rows.clone(),
+            FORCE => record.force_rows.clone(),
+            _ => record.places.iter().map(|p| p.rows.start + p.rows.len() / 2).collect(),
+        };
+        let time_s = record.measured.time_s();
+        let pressure_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();
+        let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
+        let of = |name, unit, value: &dyn Fn(usize) -> f64| Coordinate {
+            name,
+            unit,
+            values: rows.iter().map(|row| value(*row)).collect(),
+        };
+        vec![
+            of("direction", "", &|row| record.directions[row]),
+            of("pressure", "Pa", &|row| pressure_pa[row]),
+            of("contraction", "", &|row| contraction[row]),
+            of("rate", "1/s", &|row| record.rates_per_s[row].abs()),
+            of("time", "s", &|row| time_s[row] - time_s[0]),
+        ]
+    }
+
     fn residuals(
         &self,
         record: usize,
@@ -564,47 +670,29 @@ fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading
     (out.len() == rows).then_some(out)
 }
 
-/// The first row that is compared.
-fn begin(record: &Record) -> usize {
-    let time_s = record.time_s();
-    time_s.partition_point(|t| *t < time_s[0] + SKIP_S)
-}
-
 fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     rig.load = Load::Prescribed;
     let inputs = record.gas.as_ref()?;
     let measured = inputs.column(PRESSURE_PA)?;
     let read = run(&rig, &record.unplayed(&rig, inputs))?;
-    let time_s = inputs.time_s();
-    let landed = |row: usize| {
-        let mut landings = record.landings_s.iter();
-        landings.any(|s| (-0.02..LANDING_S).contains(&(time_s[row] - s)))
-    };
-    let rows = begin(inputs)..measured.len();
-    let present = rows.filter(|row| !measured[*row].is_nan() && !landed(*row));
-    let residuals =
-        present.map(|row| (read[row].0.pressure.0 - measured[row]) / record.noise.pressure_pa);
-    Some(residuals.collect())
+    let residual =
+        |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
+    Some(record.gas_rows.iter().map(residual).collect())
 }
 
-/// Force against its sensor, averaged over each kernel's spacing so that it is as white as its noise.
 fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
-    let read = run(&rig, &record.unplayed(&rig, &record.measured))?;
     let contraction = record.measured.column(CONTRACTION)?;
-    let mut residuals = Vec::with_capacity(measured.len());
-    for row in begin(&record.measured)..measured.len() {
-        if measured[row].is_nan() {
-            continue;
-        }
-        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[row]);
+    let read = run(&rig, &record.unplayed(&rig, &record.measured))?;
+    let residual = |row: &usize| {
+        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
         let noise_n = (per_pressure_m2 * record.noise.pressure_pa)
             .hypot(record.noise.force_n)
             .hypot(FORCE_FLOOR_N);
-        residuals.push((read[row].0.force_n - measured[row]) / noise_n);
-    }
-    Some(residuals)
+        (read[*row].0.force_n - measured[*row]) / noise_n
+    };
+    Some(record.force_rows.iter().map(residual).collect())
 }
 
 impl MuscleModel {

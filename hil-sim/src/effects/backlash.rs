@@ -14,6 +14,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "backlash",
     block: "load",
     mark: "The contraction lags a reversal by a fixed distance; force and pressure do not.",
+    experiment: "small triangles about one place with a dial gauge at the load; the encoder stands \
+                 still for the play.",
     forms: &[
         Form {
             name: "play",
