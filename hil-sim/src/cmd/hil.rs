@@ -284,6 +284,7 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
             text: vec![format!("The controller ran on: {board}.")],
             tables: vec![tracking_table(&runs), tables],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
         repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
     };

@@ -26,6 +26,9 @@ const PROMISE: f64 = 10.0;
 const GAIN_PARAMETER: f64 = 4.0;
 /// Share of what is left without an effect that the effect must explain.
 const SHARE_OF_MEMBER: f64 = 0.4;
+/// Share of all that is gained that a member must gain: an effect in another form than its own
+/// leaves something that a second one could take up.
+const SHARE_OF_ALL: f64 = 0.04;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
 /// Names whose sets cost less than this more, beside what is left, cannot be told apart.
@@ -213,6 +216,8 @@ impl<M: Model> Search<'_, '_, M> {
             return false;
         }
         let own = self.score(hypothesis);
+        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let gained = null.map_or(0.0, |null| self.score(null) - own);
         for (place, candidate) in hypothesis.candidates.iter().enumerate() {
             let mut others = hypothesis.candidates.clone();
             others.remove(place);
@@ -228,7 +233,7 @@ impl<M: Model> Search<'_, '_, M> {
             let gain = self.score(without) - own;
             let blocks = &self.engine.model.candidates()[*candidate].blocks;
             let left: f64 = blocks.iter().map(|block| excess_of(&without.fit, *block)).sum();
-            if gain < GAIN || gain < SHARE_OF_MEMBER * left {
+            if gain < GAIN.max(SHARE_OF_MEMBER * left).max(SHARE_OF_ALL * gained) {
                 return false;
             }
         }

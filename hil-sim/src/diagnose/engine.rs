@@ -185,7 +185,7 @@ const START_FACTOR: f64 = 4.0;
 const STARTS: usize = 2;
 /// Relative changes of cost and parameters below which a fit ends, and evaluations it may take: for
 /// a comparison, and for a result.
-const LOOSE: (f64, f64, usize) = (3e-4, 1e-3, 24);
+const LOOSE: (f64, f64, usize) = (1e-3, 3e-3, 24);
 const TIGHT: (f64, f64, usize) = (1e-6, 1e-4, 60);
 /// Stretches of time into which a record is cut for the scatter of its residuals.
 const CLUSTERS: usize = 20;
@@ -277,6 +277,12 @@ impl<M: Model> Problem<'_, M> {
             found.set_params(x);
         }
         found
+    }
+
+    /// Cost at `x`.
+    fn cost_at(&mut self, x: &DVector<f64>) -> f64 {
+        self.set_params(x);
+        self.residuals().map_or(f64::INFINITY, |r| r.norm_squared())
     }
 
     /// The fit where the problem stands, with what it predicts.
@@ -466,42 +472,38 @@ impl<'a, M: Model> Engine<'a, M> {
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let free = self.free(blocks);
         let all = self.model.candidates();
-        let parameters = candidates.iter().flat_map(|c| &all[*c].parameters).copied();
-        let parameters: Vec<Parameter> = parameters.collect();
         let mut problem = Problem {
             model: self.model,
             blocks,
             free: &free,
             candidates,
-            held: false,
+            held: !candidates.is_empty(),
             x: DVector::zeros(0),
             at: None,
         };
-        // Every start is looked at, the best are followed.
+        let starts = match candidates {
+            [] => vec![Vec::new()],
+            [alone] => starts(&all[*alone].parameters),
+            several => self.starts_together(several)?,
+        };
+        // Every start is looked at, the best are followed with the effects alone: else nominal
+        // values take up what is theirs. The best of that is followed with all.
         let mut begun: Vec<(f64, DVector<f64>)> = Vec::new();
-        let starts = starts(&parameters);
         let only = starts.len() <= STARTS;
         for start in starts {
-            let x = DVector::from_iterator(
-                free.len() + start.len(),
-                free.iter().map(|_| 0.0).chain(start),
-            );
-            let mut cost = 0.0;
-            if !only {
-                problem.set_params(&x);
-                cost = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-            }
+            let x: Vec<f64> = free.iter().map(|_| 0.0).chain(start).collect();
+            let x = DVector::from_vec(x);
+            let cost = if only { 0.0 } else { problem.cost_at(&x) };
             begun.push((cost, x));
         }
         begun.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best: Option<(f64, DVector<f64>)> = None;
         for (_, x) in begun.into_iter().take(STARTS) {
-            // First the effects alone: else nominal values take up what is theirs.
-            problem.held = !candidates.is_empty();
-            problem = problem.minimized(&x, LOOSE);
-            problem.held = false;
-            let x = problem.x.clone();
-            problem = problem.minimized(&x, LOOSE);
+            if problem.held {
+                problem = problem.minimized(&x, LOOSE);
+            } else {
+                problem.set_params(&x);
+            }
             let Some(residuals) = problem.residuals() else {
                 continue;
             };
@@ -510,8 +512,40 @@ impl<'a, M: Model> Engine<'a, M> {
                 best = Some((cost, problem.x.clone()));
             }
         }
-        problem.set_params(&best?.1);
-        problem.into_fit()
+        problem.held = false;
+        problem.minimized(&best?.1, LOOSE).into_fit()
+    }
+
+    /// Where a fit of several candidates begins: where each alone has ended, unless that was
+    /// nowhere; and where each would begin alone.
+    fn starts_together(&self, candidates: &[usize]) -> Option<Vec<Vec<f64>>> {
+        let all = self.model.candidates();
+        let mut together = [Vec::new(), Vec::new()];
+        for candidate in candidates {
+            let parameters = &all[*candidate].parameters;
+            let begin = starts(parameters).swap_remove(0);
+            let alone = self.joined(&[*candidate]);
+            let ended = alone.and_then(|fit| fit.coordinates.into_iter().next());
+            let somewhere = ended.filter(|ended| {
+                ended.iter().zip(parameters).all(|(x, parameter)| {
+                    let value = parameter.value(*x);
+                    parameter.range.0 < value && value < parameter.range.1
+                })
+            });
+            together[0].extend(somewhere.unwrap_or_else(|| begin.clone()));
+            together[1].extend(begin);
+        }
+        let [ended, begun] = together;
+        Some(if ended == begun { vec![begun] } else { vec![ended, begun] })
+    }
+
+    /// The fits of the groups of `candidates`, joined.
+    fn joined(&self, candidates: &[usize]) -> Option<Fit> {
+        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
+        for (blocks, touching) in self.groups(candidates) {
+            joint.join(self.group(&blocks, &touching)?);
+        }
+        Some(joint)
     }
 
     /// The nominal values on which `blocks` depend.
@@ -675,10 +709,7 @@ impl<'a, M: Model> Engine<'a, M> {
     pub fn hypothesis(&self, candidates: &[usize]) -> Option<Hypothesis> {
         let mut candidates = candidates.to_vec();
         candidates.sort_unstable();
-        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
-        for (blocks, touching) in self.groups(&candidates) {
-            joint.join(self.group(&blocks, &touching)?);
-        }
+        let joint = self.joined(&candidates)?;
         self.finished(candidates, joint)
     }
 }
