@@ -1,5 +1,6 @@
 //! The muscle plant, the closed loop with the real controller, and its reports.
 
+pub mod check;
 pub mod closed_loop;
 pub mod design;
 pub mod design_report;

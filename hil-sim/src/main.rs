@@ -45,6 +45,8 @@ enum Command {
     Paper(cmd::paper::Args),
     /// The flow gain a valve must have, and how stiff the input may be
     Design(cmd::design::Args),
+    /// Is a record fit for a diagnosis?
+    Check(cmd::check::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
     /// Rig files
@@ -94,6 +96,7 @@ fn main() -> ExitCode {
         Some(Command::Replay(args)) => cmd::replay::run(&args),
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
+        Some(Command::Check(args)) => cmd::check::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),

@@ -251,6 +251,11 @@ impl Record {
         present.then_some(values)
     }
 
+    /// The record has this known column, and no sample in it.
+    pub fn is_empty_column(&self, name: &str) -> bool {
+        self.cells(name).is_some() && self.column(name).is_none()
+    }
+
     fn cells(&self, name: &str) -> Option<&[f64]> {
         let mut columns = self.columns.iter().flatten();
         columns.find_map(|(known, cells)| match cells {
@@ -296,6 +301,11 @@ impl Record {
             place: Some(format!("column `{column}`")),
             ..BadInput::file(&self.file, expected)
         }
+    }
+
+    /// Bad input in the record as a whole.
+    pub fn bad_file(&self, expected: &str) -> BadInput {
+        BadInput::file(&self.file, expected)
     }
 
     /// Bad input at `time_s` of the record.

@@ -1,6 +1,7 @@
 //! One file a command.
 
 pub mod board;
+pub mod check;
 pub mod completions;
 pub mod design;
 pub mod hil;
