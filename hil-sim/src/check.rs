@@ -15,7 +15,7 @@ use crate::record::{
 };
 use crate::rig::{Load, Rig};
 use serde::Serialize;
-use signal::quantile;
+pub(crate) use signal::quantile;
 
 /// The columns that are looked at.
 const SIGNALS: [&str; 8] = [
@@ -109,7 +109,7 @@ pub enum Finding {
         while_moves: &'static str,
     },
     /// Times without rows.
-    #[error("{} at {first_s} s, up to {longest_s:.4} s", counted(*.count, "gap"))]
+    #[error("gaps: {count}, the first at {first_s} s, the longest {longest_s:.4} s")]
     Gaps {
         /// How many.
         count: usize,
@@ -176,7 +176,7 @@ pub enum Finding {
         share: f64,
     },
     /// Single samples far from their neighbours.
-    #[error("{} in `{signal}`, at {first_s} s", counted(*.count, "spike"))]
+    #[error("spikes in `{signal}`: {count}, the first at {first_s} s")]
     Spikes {
         /// The column.
         signal: &'static str,
@@ -461,13 +461,5 @@ impl Finding {
             ),
             warning => file(format!("a record without this: {warning}")),
         }
-    }
-}
-
-/// `1 gap`; `3 gaps, the first`.
-fn counted(count: usize, what: &str) -> String {
-    match count {
-        1 => format!("1 {what}"),
-        _ => format!("{count} {what}s, the first"),
     }
 }

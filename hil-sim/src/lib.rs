@@ -9,6 +9,7 @@ pub mod emulated;
 pub mod error;
 pub mod gap;
 pub mod hil;
+pub mod import;
 pub mod initial;
 pub mod link;
 pub mod mcap;

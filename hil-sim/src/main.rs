@@ -47,6 +47,8 @@ enum Command {
     Design(cmd::design::Args),
     /// Is a record fit for a diagnosis?
     Check(cmd::check::Args),
+    /// Make a record of a CSV or MATLAB file with other names and units
+    Import(cmd::import::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
     /// Rig files
@@ -97,6 +99,7 @@ fn main() -> ExitCode {
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
         Some(Command::Check(args)) => cmd::check::run(&args),
+        Some(Command::Import(args)) => cmd::import::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),

@@ -198,7 +198,7 @@ fn differences(values: &[f64]) -> impl Iterator<Item = f64> {
 }
 
 /// The value that `share` of `values` are below; 0 of none.
-pub(super) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
     }

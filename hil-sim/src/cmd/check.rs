@@ -120,11 +120,11 @@ fn words(title: String, check: &Check, blocks: &[Block]) -> Report {
 fn row(signal: &Signal) -> Vec<String> {
     vec![
         signal.name.into(),
-        short(signal.min),
-        short(signal.max),
-        short(signal.noise),
-        signal.quantum.map_or_else(String::new, short),
-        short(signal.rate_per_s),
+        super::short(signal.min),
+        super::short(signal.max),
+        super::short(signal.noise),
+        signal.quantum.map_or_else(String::new, super::short),
+        super::short(signal.rate_per_s),
         signal.steps.to_string(),
         signal.reversals.to_string(),
         format!("{:.1} s", signal.longest_hold_s),
@@ -139,14 +139,4 @@ fn block_row(block: &Block) -> Vec<String> {
     };
     let enough = if block.enough { "yes" } else { "no" };
     vec![block.block.into(), enough.into(), said.join("; ")]
-}
-
-/// A number with four digits.
-fn short(value: f64) -> String {
-    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
-        let digits = 3 - value.abs().max(1e-3).log10().floor() as i32;
-        format!("{value:.*}", digits.clamp(0, 6) as usize)
-    } else {
-        format!("{value:.3e}")
-    }
 }
