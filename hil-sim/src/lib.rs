@@ -7,6 +7,7 @@ pub mod design_report;
 pub mod effects;
 pub mod emulated;
 pub mod error;
+pub mod experiment;
 pub mod gap;
 pub mod hil;
 pub mod import;

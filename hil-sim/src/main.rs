@@ -49,6 +49,8 @@ enum Command {
     Check(cmd::check::Args),
     /// Make a record of a CSV or MATLAB file with other names and units
     Import(cmd::import::Args),
+    /// Write the reference pressure of the next experiment
+    Experiment(cmd::experiment::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
     /// Rig files
@@ -100,6 +102,7 @@ fn main() -> ExitCode {
         Some(Command::Design(args)) => cmd::design::run(&args),
         Some(Command::Check(args)) => cmd::check::run(&args),
         Some(Command::Import(args)) => cmd::import::run(&args),
+        Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),

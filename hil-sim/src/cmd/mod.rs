@@ -4,6 +4,7 @@ pub mod board;
 pub mod check;
 pub mod completions;
 pub mod design;
+pub mod experiment;
 pub mod hil;
 pub mod import;
 pub mod paper;
