@@ -1,5 +1,8 @@
-//! The board: clocks and times, asserted at compile time, and all devices set up. The pins, and
-//! what differs between boards, stand in a file of their own, chosen by a cargo feature.
+//! The board: clocks and times, asserted at compile time, and all devices set up. What differs
+//! between boards stands in a file of its own, chosen by a cargo feature; those we have share
+//! their pins.
+
+mod pins;
 
 #[cfg(feature = "nucleo-f446re")]
 mod nucleo_f446re;
