@@ -10,6 +10,7 @@
 use crate::device::Command;
 use crate::frame::{Output, Sensors};
 use crate::settings::SettingsValues;
+use crate::supervisor::Fault;
 use crate::timing::Timing;
 use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::de::DeserializeOwned;
@@ -116,6 +117,8 @@ pub struct Identity {
     pub reset: ResetCause,
     /// What stopped the firmware before that reset.
     pub crash: Option<Crash>,
+    /// The fault that was latched before that reset.
+    pub fault: Option<Fault>,
     /// Where its settings came from.
     pub settings: SettingsSource,
     /// Stack that was never used \[bytes\].
@@ -178,6 +181,15 @@ pub enum Crash {
     },
     /// An interrupt that nobody serves.
     Interrupt(i16),
+}
+
+/// What the firmware tells itself across a reset, as a frame of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// For [`Identity::crash`].
+    pub crash: Option<Crash>,
+    /// For [`Identity::fault`].
+    pub fault: Option<Fault>,
 }
 
 /// The message does not fit into a frame.
@@ -303,6 +315,7 @@ impl Decoder {
 mod tests {
     use super::*;
     use crate::frame::Request;
+    use crate::plausibility::Doubt;
     use crate::signal::{AdcCount, EncoderCount};
     use proptest::collection::vec;
     use proptest::prelude::*;
@@ -359,6 +372,7 @@ mod tests {
             cpu_hz: u32::MAX,
             reset: ResetCause::Other,
             crash: Some(crash),
+            fault: Some(Fault::Encoder(Doubt::Stuck)),
             settings: SettingsSource::Stored,
             stack_free_bytes: u16::MAX,
             frames_rejected: u32::MAX,

@@ -7,6 +7,10 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 only=${1:-}
+if [ -n "$(git status --porcelain -- firmware model-core hil-sim tests/board)" ]; then
+    echo 'expected committed firmware and tests: the mutants are made from the last commit' >&2
+    exit 2
+fi
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT

@@ -136,6 +136,7 @@ impl DeviceBoard {
             cpu_hz: 180_000_000,
             reset: ResetCause::Pin,
             crash: None,
+            fault: None,
             settings: SettingsSource::Reference,
             stack_free_bytes: 0,
             frames_rejected: self.frames_rejected,

@@ -3,6 +3,7 @@
 use crate::rig::{MS, Rig};
 use emulated_board::ResetCause as Cause;
 use model_core::link::{Crash, ResetCause};
+use model_core::supervisor::Fault;
 
 /// `b .`
 const ENDLESS_LOOP: [u8; 2] = [0xfe, 0xe7];
@@ -108,6 +109,44 @@ fn stack_overflow_is_noted_as_such() {
         matches!(crash, Some(Crash::StackOverflow { .. })),
         "{crash:?}"
     );
+}
+
+/// Lets the encoder leap to `position`, which is a fault; returns it.
+fn provoke_a_fault(rig: &mut Rig, position: i64) -> Option<Fault> {
+    rig.board.set_encoder(position);
+    rig.run_ms(100);
+    let fault = rig.last_telemetry().output.fault;
+    assert!(matches!(fault, Some(Fault::Encoder(_))), "{fault:?}");
+    fault
+}
+
+#[test]
+fn latched_fault_survives_any_reset_but_not_the_power() {
+    let Some(mut rig) = Rig::after_ms(1_000) else {
+        return;
+    };
+    assert_eq!(rig.identity().fault, None);
+    let fault = provoke_a_fault(&mut rig, 1 << 20);
+    sabotage_once(&mut rig, "TIM3", &UNDEFINED);
+    rig.run_ms(50);
+    let identity = rig.identity();
+    assert!(identity.crash.is_some());
+    assert_eq!(identity.fault, fault);
+    rig.run_ms(1_000);
+    let fault = provoke_a_fault(&mut rig, 0);
+    sabotage_once(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
+    rig.run_ms(50);
+    let identity = rig.identity();
+    assert_eq!(
+        (identity.reset, identity.crash, identity.fault),
+        (ResetCause::Watchdog, None, fault)
+    );
+    rig.run_ms(1_000);
+    provoke_a_fault(&mut rig, 1 << 20);
+    rig.board.power_cut();
+    rig.board.power_on();
+    rig.run_ms(50);
+    assert_eq!(rig.identity().fault, None);
 }
 
 #[test]
