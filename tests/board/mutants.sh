@@ -77,6 +77,7 @@ mutant 'ADC channels wrong' $src/adc.rs \
     's/configure_channel\(&bridge/configure_channel(\&X/; s/configure_channel\(&pressure/configure_channel(\&bridge/; s/configure_channel\(&X/configure_channel(\&pressure/'
 mutant 'DAC not enabled' $src/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
 mutant 'DAC buffer left on' $src/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
+mutant 'valve left as it is by a crash' $src/crash.rs 's/valve::make_safe\(\);//'
 mutant 'watchdog not started' $src/watchdog.rs \
     's/iwdg\.kr\(\)\.write\(\|w\| w\.key\(\)\.start\(\)\);//; s/while iwdg.*\{\}//'
 mutant 'watchdog never fed' $src/main.rs 's/local\.watchdog\.feed\(\);//'
