@@ -45,6 +45,12 @@ enum Command {
     Paper(cmd::paper::Args),
     /// The flow gain a valve must have, and how stiff the input may be
     Design(cmd::design::Args),
+    /// Is a record fit for a diagnosis?
+    Check(cmd::check::Args),
+    /// Make a record of a CSV or MATLAB file with other names and units
+    Import(cmd::import::Args),
+    /// Write the reference pressure of the next experiment
+    Experiment(cmd::experiment::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
     /// Find where simulation and measurement disagree, and name the missing effect
@@ -94,6 +100,9 @@ fn main() -> ExitCode {
         Some(Command::Replay(args)) => cmd::replay::run(&args),
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
+        Some(Command::Check(args)) => cmd::check::run(&args),
+        Some(Command::Import(args)) => cmd::import::run(&args),
+        Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),

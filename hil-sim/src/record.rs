@@ -248,6 +248,11 @@ impl Record {
         present.then_some(values)
     }
 
+    /// The record has this known column, and no sample in it.
+    pub fn is_empty_column(&self, name: &str) -> bool {
+        self.cells(name).is_some() && self.column(name).is_none()
+    }
+
     fn cells(&self, name: &str) -> Option<&[f64]> {
         match self.find(name)? {
             Cells::Numbers(values) => Some(values),
@@ -302,6 +307,11 @@ impl Record {
             line: self.line(row),
             ..self.bad(column, expected)
         }
+    }
+
+    /// Bad input in the record as a whole.
+    pub fn bad_file(&self, expected: &str) -> BadInput {
+        BadInput::file(&self.file, expected)
     }
 
     /// Bad input at `time_s` of the record.
@@ -419,26 +429,32 @@ fn number(column: &str, cell: &str) -> Result<f64, String> {
     if cell.is_empty() {
         return Ok(f64::NAN);
     }
-    let range = KNOWN.iter().find(|(known, ..)| *known == column);
-    let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
     match cell.parse::<f64>() {
-        Ok(value) if value >= *min && value <= *max => Ok(value),
-        Ok(value) if value.is_finite() => {
-            Err(format!("a number from {min} to {max}, found {cell}"))
-        }
+        Ok(value) if value.is_finite() => in_range(column, value),
         _ => Err(format!("a number or an empty cell, found `{cell}`")),
     }
 }
 
+/// The value of a known column, if it can have it on any rig of this kind.
+pub(crate) fn in_range(column: &str, value: f64) -> Result<f64, String> {
+    let range = KNOWN.iter().find(|(known, ..)| *known == column);
+    let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
+    if (*min..=*max).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("a number from {min} to {max}, found {value}"))
+    }
+}
+
 /// Where a row begins, from where the reader began to look for it: blank lines are no rows.
-fn content(bytes: &[u8], position: Option<&csv::Position>) -> usize {
+pub(crate) fn content(bytes: &[u8], position: Option<&csv::Position>) -> usize {
     let from = position.map_or(0, |position| position.byte() as usize);
     let rest = bytes.get(from..).unwrap_or_default();
     let blank = rest.iter().take_while(|byte| matches!(byte, b'\r' | b'\n'));
     from.min(bytes.len()) + blank.count()
 }
 
-fn newlines(bytes: &[u8]) -> usize {
+pub(crate) fn newlines(bytes: &[u8]) -> usize {
     bytes.iter().filter(|byte| **byte == b'\n').count()
 }
 

@@ -84,6 +84,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         true => Vec::from(valves(&rig)?),
         false => vec![("assist", rig)],
     };
+    for (name, _) in &rigs {
+        args.scenario.spares(&args.common.record_path(name)?)?;
+    }
     let mut board = connect(args.port.as_deref())?;
     let words = in_words(&board.identity);
     eprintln!("seed: {}", args.scenario.seed);
@@ -286,7 +289,7 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
             plots: assist_plots(&runs),
             ..Section::default()
         }],
-        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+        repeat: Vec::new(),
     };
     let summary = Summary {
         seed: args.scenario.seed,

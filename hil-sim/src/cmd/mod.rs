@@ -1,10 +1,13 @@
 //! One file a command.
 
 pub mod board;
+pub mod check;
 pub mod completions;
 pub mod design;
-pub mod hil;
 pub mod diagnose;
+pub mod experiment;
+pub mod hil;
+pub mod import;
 pub mod paper;
 pub mod record;
 pub mod replay;
@@ -162,5 +165,15 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         self.0.finish_and_clear();
+    }
+}
+
+/// A number with four digits.
+fn short(value: f64) -> String {
+    if value == 0.0 || (1e-3..1e5).contains(&value.abs()) {
+        let digits = 3 - value.abs().max(1e-3).log10().floor() as i32;
+        format!("{value:.*}", digits.clamp(0, 6) as usize)
+    } else {
+        format!("{value:.3e}")
     }
 }

@@ -10,7 +10,7 @@ use hil_sim::record::{FINGER_M, Record};
 use hil_sim::report::{Report, Section};
 use hil_sim::rig::Rig;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The assist experiment: a finger lifts and holds the weight through the muscle
 ///
@@ -127,6 +127,17 @@ impl Scenario {
             ..Experiment::PAPER
         })
     }
+
+    /// Refuses to write at `path` where that is the finger's record.
+    pub fn spares(&self, path: &Path) -> Result<(), BadInput> {
+        match &self.finger {
+            Some(finger) if same_file(finger, path) => {
+                let expected = "another --out, as the finger's record would be overwritten";
+                Err(BadInput::file(path.display().to_string(), expected))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Runs the command.
@@ -142,15 +153,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     for run in &runs {
         let path = common.record_path(&run.name)?;
-        if args
-            .scenario
-            .finger
-            .as_ref()
-            .is_some_and(|finger| same_file(finger, &path))
-        {
-            let expected = "another --out, as the finger's record would be overwritten";
-            return Err(BadInput::file(path.display().to_string(), expected).into());
-        }
+        args.scenario.spares(&path)?;
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
             name: run.name.clone(),

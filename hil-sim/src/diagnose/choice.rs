@@ -217,6 +217,11 @@ impl<M: Model> Search<'_, '_, M> {
         }
         let own = self.score(hypothesis);
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        // What makes the free motion worse than nothing does is no explanation.
+        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
+        if null.is_some_and(worse) {
+            return false;
+        }
         let gained = null.map_or(0.0, |null| self.score(null) - own);
         for (place, candidate) in hypothesis.candidates.iter().enumerate() {
             let mut others = hypothesis.candidates.clone();

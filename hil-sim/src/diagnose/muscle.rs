@@ -8,6 +8,7 @@
 
 use super::Calibrated;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use crate::check::check;
 use crate::effects::CATALOGUE;
 use crate::error::BadInput;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
@@ -49,8 +50,6 @@ const STEPS_PER_ROW: f64 = 2.0;
 const MOTION_NOISES: f64 = 5.0;
 /// Stops of a record that are independent of each other.
 const MOTION_STOPS: f64 = 20.0;
-/// Differences in one estimate of a signal's noise.
-const NOISE_STRETCH: usize = 50;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
 const FORCE_FLOOR_N: f64 = 0.1;
 
@@ -80,27 +79,6 @@ impl Noise {
     }
 }
 
-/// Standard deviation of the noise of `values`, that of rounding included: from third differences,
-/// which a smooth signal leaves small; in stretches, of which the median is not moved by jumps.
-pub fn noise(values: &[f64]) -> f64 {
-    let present = values.iter().copied().filter(|value| !value.is_nan());
-    let present: Vec<f64> = present.collect();
-    let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
-    let squares: Vec<f64> = present.windows(4).map(third).collect();
-    let mut means: Vec<f64> = squares
-        .chunks(NOISE_STRETCH)
-        .map(|stretch| stretch.iter().sum::<f64>() / stretch.len() as f64)
-        .collect();
-    means.sort_by(f64::total_cmp);
-    let mut steps: Vec<f64> = present.windows(2).map(|v| (v[1] - v[0]).abs()).collect();
-    steps.retain(|step| *step > 0.0);
-    steps.sort_by(f64::total_cmp);
-    // Of white noise of variance 1 the third differences have variance 20.
-    let white = means.get(means.len() / 2).map_or(0.0, |mean| (mean / 20.0).sqrt());
-    let quantum = steps.get(steps.len() / 100).copied().unwrap_or(0.0);
-    white.max(quantum / 12.0_f64.sqrt())
-}
-
 /// One place where the balance of forces is looked at.
 struct Place {
     /// Rows under the kernel, and their weights.
@@ -128,6 +106,8 @@ struct Prepared {
     /// Rows in which pressure and force are compared.
     gas_rows: Vec<usize>,
     force_rows: Vec<usize>,
+    /// What is doubtful about it.
+    warnings: Vec<String>,
 }
 
 /// Directions with each rest crossed in a straight line.
@@ -319,7 +299,17 @@ impl MuscleModel {
 
     /// What the records cannot show.
     pub fn warnings(&self) -> Vec<String> {
-        let mut warnings = Vec::new();
+        let numbered = self.records.iter().enumerate();
+        let mut warnings: Vec<String> = numbered
+            .flat_map(|(number, record)| {
+                let (kind, number) = match number.checked_sub(self.fitted) {
+                    None => ("fitted", number + 1),
+                    Some(later) => ("validation", later + 1),
+                };
+                let words = record.warnings.iter();
+                words.map(move |words| format!("{kind} record {number}: {words}"))
+            })
+            .collect();
         if !self.blocks.contains(&FORCE) {
             warnings.push("no force_n: the muscle's force is judged by the weight alone".into());
         }
@@ -365,7 +355,9 @@ impl Prepared {
     }
 
     fn new(rig: &Rig, record: &Record) -> Result<Prepared, BadInput> {
-        let of = |name: &str| record.column(name).map_or(0.0, noise);
+        let checked = check(record);
+        checked.refuse(record)?;
+        let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
         let noise = Noise {
             pressure_pa: of(PRESSURE_PA).max(1.0),
             contraction: of(CONTRACTION).max(1e-7),
@@ -387,6 +379,7 @@ impl Prepared {
             sides: vec![0.0; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
+            warnings: checked.warnings.iter().map(ToString::to_string).collect(),
         };
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];

@@ -322,6 +322,15 @@ impl Board {
             .map(|(_, address)| *address)
     }
 
+    /// Address of the first symbol whose mangled name contains `part`.
+    pub fn symbol_with(&self, part: &str) -> Option<u32> {
+        let has_part = |(symbol, _): &&(String, u32)| symbol.contains(part);
+        self.symbols
+            .iter()
+            .find(has_part)
+            .map(|(_, address)| *address)
+    }
+
     /// The symbol at or before `address`.
     pub fn function_at(&self, address: u32) -> String {
         let before = |(_, a): &&(String, u32)| *a & !1 <= address && *a != 0;
