@@ -243,7 +243,9 @@ impl Rig {
         let mut document: toml_edit::DocumentMut = text.parse()?;
         let mut own = self.clone();
         for tolerance in &self.tolerances {
-            let value = own.value_mut(&tolerance.section, &tolerance.key).map(|value| *value);
+            let value = own
+                .value_mut(&tolerance.section, &tolerance.key)
+                .map(|value| *value);
             let item = document
                 .get_mut(&tolerance.section)
                 .and_then(|section| section.get_mut(&tolerance.key));
@@ -257,7 +259,10 @@ impl Rig {
             let effects = document.get("effect");
             let tables = effects.and_then(|item| item.as_array_of_tables());
             let inline = effects.and_then(|item| item.as_array());
-            tables.map(|t| t.len()).or(inline.map(|a| a.len())).unwrap_or(0)
+            tables
+                .map(|t| t.len())
+                .or(inline.map(|a| a.len()))
+                .unwrap_or(0)
         };
         let known = effects(&document);
         let mut text = document.to_string();

@@ -46,7 +46,10 @@ fn effect(name: &str) -> Result<String, String> {
     if names.clone().any(|known| known == name) {
         return Ok(name.into());
     }
-    Err(format!("expected one of {}", names.collect::<Vec<_>>().join(", ")))
+    Err(format!(
+        "expected one of {}",
+        names.collect::<Vec<_>>().join(", ")
+    ))
 }
 
 /// Runs the command.
@@ -69,7 +72,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads);
     }
-    let pool = pool.build().map_err(|error| BadInput::file("--threads", &error.to_string()))?;
+    let pool = pool
+        .build()
+        .map_err(|error| BadInput::file("--threads", &error.to_string()))?;
     let diagnosed = {
         let progress = Progress::new("diagnosing", 3);
         let step = |_| progress.step();
@@ -81,7 +86,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
     write_atomically(&args.out.join("rig.fitted.toml"), rewritten.as_bytes())?;
-    write_atomically(&args.out.join("diagnosis.json"), format!("{json}\n").as_bytes())?;
+    write_atomically(
+        &args.out.join("diagnosis.json"),
+        format!("{json}\n").as_bytes(),
+    )?;
     let mut report = report::report(&diagnosed, &validate, &rewritten);
     report.repeat = vec![super::this_command()];
     write_atomically(&args.out.join("report.html"), report.to_html().as_bytes())?;

@@ -123,17 +123,29 @@ impl<M: Model> Search<'_, '_, M> {
     /// Fits `sets`, and makes the leading ones exact.
     fn try_all(&mut self, sets: &[Vec<usize>]) {
         let members = sets.first().map_or(0, Vec::len);
-        let fitted: Vec<Hypothesis> =
-            sets.par_iter().filter_map(|set| self.engine.hypothesis(set)).collect();
+        let fitted: Vec<Hypothesis> = sets
+            .par_iter()
+            .filter_map(|set| self.engine.hypothesis(set))
+            .collect();
         self.tried.extend(fitted);
         self.sort();
         let of_size = |h: &&Hypothesis| h.candidates.len() == members;
-        let leading: Vec<Hypothesis> =
-            self.tried.iter().filter(of_size).take(POLISHED).cloned().collect();
-        let polished: Vec<Hypothesis> =
-            leading.par_iter().filter_map(|h| self.engine.polished(h)).collect();
+        let leading: Vec<Hypothesis> = self
+            .tried
+            .iter()
+            .filter(of_size)
+            .take(POLISHED)
+            .cloned()
+            .collect();
+        let polished: Vec<Hypothesis> = leading
+            .par_iter()
+            .filter_map(|h| self.engine.polished(h))
+            .collect();
         for exact in polished {
-            let same = self.tried.iter_mut().find(|h| h.candidates == exact.candidates);
+            let same = self
+                .tried
+                .iter_mut()
+                .find(|h| h.candidates == exact.candidates);
             if let Some(same) = same.filter(|same| exact.fit.score() < same.fit.score()) {
                 *same = exact;
             }
@@ -168,8 +180,9 @@ impl<M: Model> Search<'_, '_, M> {
                 continue;
             }
             let all = self.engine.model.candidates();
-            let touching: Vec<usize> =
-                (0..all.len()).filter(|c| all[*c].blocks.contains(&part.block)).collect();
+            let touching: Vec<usize> = (0..all.len())
+                .filter(|c| all[*c].blocks.contains(&part.block))
+                .collect();
             let alone = touching.par_iter().filter_map(|candidate| {
                 let fit = self.engine.group(&[part.block], &[*candidate])?;
                 Some((fit.score(), *candidate))
@@ -196,7 +209,13 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let mut order: Vec<usize> = (0..promises.len()).collect();
             order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
-            order.retain(|candidate| !leader.contains(candidate));
+            order.retain(|candidate| {
+                let blocks = &self.engine.model.candidates()[*candidate].blocks;
+                let certain = blocks
+                    .iter()
+                    .all(|block| self.engine.model.proportional(*block));
+                !leader.contains(candidate) && (promises[*candidate] > PROMISE || !certain)
+            });
             let followers = order.into_iter().map(|candidate| vec![candidate]);
             for follower in self.distinct(followers, FOLLOWERS) {
                 let mut set = [leader.clone(), follower].concat();
@@ -211,14 +230,19 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// Whether each member of `hypothesis` is needed.
     fn needed(&mut self, hypothesis: &Hypothesis) -> bool {
-        let names: Vec<&str> = hypothesis.candidates.iter().map(|c| self.name(*c)).collect();
+        let names: Vec<&str> = hypothesis
+            .candidates
+            .iter()
+            .map(|c| self.name(*c))
+            .collect();
         if (1..names.len()).any(|place| names[..place].contains(&names[place])) {
             return false;
         }
         let own = self.score(hypothesis);
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
         // What makes the free motion worse than nothing does is no explanation.
-        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
+        let worse =
+            |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
         if null.is_some_and(worse) {
             return false;
         }
@@ -229,7 +253,9 @@ impl<M: Model> Search<'_, '_, M> {
             // In place of the member, another form of the effects that remain may do.
             let keeps = |h: &&Hypothesis| {
                 let names_kept = h.candidates.iter().all(|c| {
-                    others.iter().any(|other| self.name(*other) == self.name(*c))
+                    others
+                        .iter()
+                        .any(|other| self.name(*other) == self.name(*c))
                 });
                 names_kept && h.candidates.len() <= hypothesis.candidates.len()
             };
@@ -237,7 +263,10 @@ impl<M: Model> Search<'_, '_, M> {
             let Some(without) = without else { return false };
             let gain = self.score(without) - own;
             let blocks = &self.engine.model.candidates()[*candidate].blocks;
-            let left: f64 = blocks.iter().map(|block| excess_of(&without.fit, *block)).sum();
+            let left: f64 = blocks
+                .iter()
+                .map(|block| excess_of(&without.fit, *block))
+                .sum();
             if gain < GAIN.max(SHARE_OF_MEMBER * left).max(SHARE_OF_ALL * gained) {
                 return false;
             }
@@ -249,9 +278,10 @@ impl<M: Model> Search<'_, '_, M> {
     fn alternatives(&self, best: &Hypothesis) -> Vec<Vec<&'static str>> {
         let own = self.score(best);
         let left = MARGIN.max(0.05 * excess(&best.fit));
-        let near = self.tried.iter().filter(|h| {
-            h.candidates.len() == best.candidates.len() && self.score(h) < own + left
-        });
+        let near = self
+            .tried
+            .iter()
+            .filter(|h| h.candidates.len() == best.candidates.len() && self.score(h) < own + left);
         let near: Vec<Vec<&'static str>> = near
             .map(|h| h.candidates.iter().map(|c| self.name(*c)).collect())
             .collect();
@@ -259,7 +289,10 @@ impl<M: Model> Search<'_, '_, M> {
         let of = |place: usize| {
             let mut found: Vec<&'static str> = Vec::new();
             for set in &near {
-                let others = names.iter().enumerate().filter(|(other, _)| *other != place);
+                let others = names
+                    .iter()
+                    .enumerate()
+                    .filter(|(other, _)| *other != place);
                 if others.into_iter().all(|(_, name)| set.contains(name)) {
                     for name in set {
                         if !names.contains(name) && !found.contains(name) {
@@ -276,7 +309,9 @@ impl<M: Model> Search<'_, '_, M> {
 
 /// Chooses; `step` is told what is tried. `None` where the model has no solution at all.
 pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choice> {
-    let null = engine.hypothesis(&[]).map(|null| engine.polished(&null).unwrap_or(null))?;
+    let null = engine
+        .hypothesis(&[])
+        .map(|null| engine.polished(&null).unwrap_or(null))?;
     let mut search = Search {
         engine,
         tried: vec![null.clone()],
@@ -285,35 +320,52 @@ pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choic
     let promises = engine.promises(&null)?;
     let worth = |candidate: &usize| {
         let blocks = &engine.model.candidates()[*candidate].blocks;
-        let above = blocks.iter().any(|block| excess_of(&null.fit, *block) > 0.0);
-        above || promises[*candidate] > PROMISE
+        let open = |block: &usize| {
+            excess_of(&null.fit, *block) > 0.0 || !engine.model.proportional(*block)
+        };
+        blocks.iter().any(open) || promises[*candidate] > PROMISE
     };
     let candidates = (0..engine.model.candidates().len()).filter(worth);
     let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
     for members in 1..=MEMBERS {
-        step(Step { members, sets: sets.len() });
+        step(Step {
+            members,
+            sets: sets.len(),
+        });
         search.try_all(&sets);
-        let best = &search.tried[0];
-        if excess(&best.fit) < GAIN || members == MEMBERS {
-            break;
-        }
-        // Three together only where two are better than one.
-        if best.candidates.len() < members {
+        let best = search.tried.clone().into_iter().find(|h| search.needed(h));
+        let found = best.as_ref().map_or(0, |best| best.candidates.len());
+        // Three together only where two are better than one, or much is left.
+        if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
             break;
         }
         let leaders = search.leaders(&null, members);
         sets = search.joined(&leaders);
+        if sets.is_empty() {
+            break;
+        }
     }
     let order = search.tried.clone();
-    let best = order.into_iter().find(|h| search.needed(h)).unwrap_or_else(|| null.clone());
+    let best = order
+        .into_iter()
+        .find(|h| search.needed(h))
+        .unwrap_or_else(|| null.clone());
     let above = excess(&null.fit);
-    let share = if above > 0.0 { 1.0 - excess(&best.fit) / above } else { 1.0 };
+    let share = if above > 0.0 {
+        1.0 - excess(&best.fit) / above
+    } else {
+        1.0
+    };
     let verdict = match (best.candidates.is_empty(), above < GAIN) {
         (true, true) => Verdict::Consistent,
         (false, _) if share >= SHARE => Verdict::Explained,
         _ => Verdict::Unexplained,
     };
-    let rest = if verdict == Verdict::Explained { &best } else { &null };
+    let rest = if verdict == Verdict::Explained {
+        &best
+    } else {
+        &null
+    };
     let left = (0..engine.model.blocks().len()).filter(|block| {
         verdict == Verdict::Unexplained && excess_of(&rest.fit, *block) > 0.1 * above
     });

@@ -36,7 +36,6 @@ impl Parameter {
         };
         value.clamp(self.range.0, self.range.1)
     }
-
 }
 
 /// One effect in one form.
@@ -90,6 +89,9 @@ pub trait Model: Sync {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Vec<f64>>;
+    /// Whether residuals of a block change about in proportion to a small effect, so that what a
+    /// candidate promises can be believed.
+    fn proportional(&self, block: usize) -> bool;
     /// How badly free runs of a record miss what no block's residuals show well, as a cost with
     /// bounded influence; 0 where there is no such thing.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;
@@ -160,14 +162,21 @@ impl Fit {
     /// Puts effects and blocks in the model's order.
     fn sort(&mut self) {
         self.parts.sort_by_key(|part| part.block);
-        let mut effects: Vec<_> = self.effects.drain(..).zip(self.coordinates.drain(..)).collect();
+        let mut effects: Vec<_> = self
+            .effects
+            .drain(..)
+            .zip(self.coordinates.drain(..))
+            .collect();
         effects.sort_by_key(|((candidate, _), _)| *candidate);
         (self.effects, self.coordinates) = effects.into_iter().unzip();
     }
 
     /// Cost of what was fitted, predicted and run freely, priors included.
     pub fn score(&self) -> f64 {
-        let parts = self.parts.iter().map(|part| part.fitted.cost + part.predicted.cost);
+        let parts = self
+            .parts
+            .iter()
+            .map(|part| part.fitted.cost + part.predicted.cost);
         self.prior + self.free_run + parts.sum::<f64>()
     }
 }
@@ -185,7 +194,7 @@ const START_FACTOR: f64 = 4.0;
 const STARTS: usize = 2;
 /// Relative changes of cost and parameters below which a fit ends, and evaluations it may take: for
 /// a comparison, and for a result.
-const LOOSE: (f64, f64, usize) = (1e-3, 3e-3, 24);
+const LOOSE: (f64, f64, usize) = (3e-4, 1e-3, 36);
 const TIGHT: (f64, f64, usize) = (1e-6, 1e-4, 60);
 /// Stretches of time into which a record is cut for the scatter of its residuals.
 const CLUSTERS: usize = 20;
@@ -301,7 +310,9 @@ impl<M: Model> Problem<'_, M> {
         }
         for record in self.model.fitted()..self.model.records() {
             for part in &mut parts {
-                let residuals = self.model.residuals(record, part.block, &nominal, &effects)?;
+                let residuals = self
+                    .model
+                    .residuals(record, part.block, &nominal, &effects)?;
                 part.predicted += tally(&residuals);
             }
         }
@@ -320,7 +331,10 @@ impl<M: Model> Problem<'_, M> {
     }
 
     fn evaluate(&mut self) {
-        self.at = self.pieces().map(|piece| self.piece(&self.x, piece)).collect();
+        self.at = self
+            .pieces()
+            .map(|piece| self.piece(&self.x, piece))
+            .collect();
     }
 
     /// How the residuals of `piece`, which are `base`, change with coordinate `place`.
@@ -331,7 +345,13 @@ impl<M: Model> Problem<'_, M> {
         let mut moved = self.x.clone();
         moved[place] += STEP;
         let residuals = self.piece(&moved, piece)?;
-        Some(residuals.iter().zip(base).map(|(a, b)| (a - b) / STEP).collect())
+        Some(
+            residuals
+                .iter()
+                .zip(base)
+                .map(|(a, b)| (a - b) / STEP)
+                .collect(),
+        )
     }
 }
 
@@ -513,7 +533,9 @@ impl<'a, M: Model> Engine<'a, M> {
             }
         }
         problem.held = false;
-        problem.minimized(&best?.1, LOOSE).into_fit()
+        // Every comparison is with the fit without effects.
+        let goal = if candidates.is_empty() { TIGHT } else { LOOSE };
+        problem.minimized(&best?.1, goal).into_fit()
     }
 
     /// Where a fit of several candidates begins: where each alone has ended, unless that was
@@ -536,7 +558,11 @@ impl<'a, M: Model> Engine<'a, M> {
             together[1].extend(begin);
         }
         let [ended, begun] = together;
-        Some(if ended == begun { vec![begun] } else { vec![ended, begun] })
+        Some(if ended == begun {
+            vec![begun]
+        } else {
+            vec![ended, begun]
+        })
     }
 
     /// The fits of the groups of `candidates`, joined.
@@ -551,7 +577,11 @@ impl<'a, M: Model> Engine<'a, M> {
     /// The nominal values on which `blocks` depend.
     fn free(&self, blocks: &[usize]) -> Vec<usize> {
         let nominal_blocks = self.model.nominal_blocks();
-        let depends = |n: &usize| nominal_blocks[*n].iter().any(|block| blocks.contains(block));
+        let depends = |n: &usize| {
+            nominal_blocks[*n]
+                .iter()
+                .any(|block| blocks.contains(block))
+        };
         (0..nominal_blocks.len()).filter(depends).collect()
     }
 
@@ -678,27 +708,29 @@ impl<'a, M: Model> Engine<'a, M> {
         let nominal = problem.nominal(&problem.x);
         let effects = problem.effects(&problem.x);
         let promise = |(place, candidate): (usize, &Candidate)| {
-            let promised = starts(&candidate.parameters).into_iter().filter_map(|start| {
-                let values = candidate.parameters.iter().zip(start);
-                let mut with = effects.clone();
-                with.push((place, values.map(|(p, x)| p.value(x)).collect()));
-                let mut change = Vec::with_capacity(residuals.len());
-                for ((record, block), base) in problem.pieces().zip(at) {
-                    if candidate.blocks.contains(&block) {
-                        let moved = self.model.residuals(record, block, &nominal, &with)?;
-                        let pairs = moved.iter().zip(base);
-                        change.extend(pairs.map(|(to, from)| (to - from) * tamed(*from).1));
-                    } else {
-                        change.extend(std::iter::repeat_n(0.0, base.len()));
+            let promised = starts(&candidate.parameters)
+                .into_iter()
+                .filter_map(|start| {
+                    let values = candidate.parameters.iter().zip(start);
+                    let mut with = effects.clone();
+                    with.push((place, values.map(|(p, x)| p.value(x)).collect()));
+                    let mut change = Vec::with_capacity(residuals.len());
+                    for ((record, block), base) in problem.pieces().zip(at) {
+                        if candidate.blocks.contains(&block) {
+                            let moved = self.model.residuals(record, block, &nominal, &with)?;
+                            let pairs = moved.iter().zip(base);
+                            change.extend(pairs.map(|(to, from)| (to - from) * tamed(*from).1));
+                        } else {
+                            change.extend(std::iter::repeat_n(0.0, base.len()));
+                        }
                     }
-                }
-                change.resize(residuals.len(), 0.0);
-                let change = DVector::from_vec(change);
-                let new = &change - &orthonormal * (orthonormal.transpose() * &change);
-                let size = new.norm_squared();
-                let gain = 0.5 * left.dot(&new).powi(2) / size;
-                (size > 1e-9 && gain.is_finite()).then_some(gain)
-            });
+                    change.resize(residuals.len(), 0.0);
+                    let change = DVector::from_vec(change);
+                    let new = &change - &orthonormal * (orthonormal.transpose() * &change);
+                    let size = new.norm_squared();
+                    let gain = 0.5 * left.dot(&new).powi(2) / size;
+                    (size > 1e-9 && gain.is_finite()).then_some(gain)
+                });
             promised.fold(0.0, f64::max)
         };
         let candidates = self.model.candidates();
@@ -723,7 +755,10 @@ fn starts(parameters: &[Parameter]) -> Vec<Vec<f64>> {
             let reach = START_FACTOR.ln();
             let low = (parameter.range.0 / parameter.usual).ln();
             let high = (parameter.range.1 / parameter.usual).ln();
-            [0.0, -reach, reach].iter().map(|x| 1.0 + x.clamp(low, high)).collect()
+            [0.0, -reach, reach]
+                .iter()
+                .map(|x| 1.0 + x.clamp(low, high))
+                .collect()
         } else if parameter.range.0 < 0.0 {
             vec![0.5, -0.5]
         } else {

@@ -44,7 +44,11 @@ impl Profile {
             ("direction", std::cmp::Ordering::Less) => "while paying out".into(),
             ("direction", std::cmp::Ordering::Greater) => "while contracting".into(),
             ("direction", _) => "at rest".into(),
-            (name, _) => format!("at a {name} of {} to {}{unit}", number(bin[0]), number(bin[1])),
+            (name, _) => format!(
+                "at a {name} of {} to {}{unit}",
+                number(bin[0]),
+                number(bin[1])
+            ),
         }
     }
 }
@@ -91,14 +95,18 @@ pub fn profiles<M: Model>(model: &M, hypothesis: &Hypothesis, block: usize) -> V
 pub fn when(profiles: &[Profile]) -> String {
     let mut telling: Vec<(&Profile, &[f64; 3], f64)> = profiles
         .iter()
-        .filter_map(|profile| profile.outstanding().map(|(bin, times)| (profile, bin, times)))
+        .filter_map(|profile| {
+            profile
+                .outstanding()
+                .map(|(bin, times)| (profile, bin, times))
+        })
         .filter(|(_, _, times)| *times > TELLS)
         .collect();
     telling.sort_by(|a, b| b.2.total_cmp(&a.2));
     telling.truncate(2);
-    let words = telling.iter().map(|(profile, bin, times)| {
-        format!("{} ({times:.1} times the mean)", profile.words(bin))
-    });
+    let words = telling
+        .iter()
+        .map(|(profile, bin, times)| format!("{} ({times:.1} times the mean)", profile.words(bin)));
     let words: Vec<String> = words.collect();
     if words.is_empty() {
         "throughout".into()

@@ -184,7 +184,10 @@ struct Clock {
 impl Clock {
     fn lap(&mut self, stage: &str) {
         let spent_s = self.begin.elapsed().as_secs_f64();
-        self.stages.push(Stage { stage: stage.into(), spent_s });
+        self.stages.push(Stage {
+            stage: stage.into(),
+            spent_s,
+        });
         self.begin = Instant::now();
     }
 }
@@ -201,14 +204,21 @@ pub fn diagnose(
     without: &[String],
     step: impl Fn(Step),
 ) -> Result<Diagnosed, BadInput> {
-    let mut clock = Clock { begin: Instant::now(), stages: Vec::new() };
+    let mut clock = Clock {
+        begin: Instant::now(),
+        stages: Vec::new(),
+    };
     let model = MuscleModel::new(rig, fit, validate, without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
     let choice = choose(&engine, step).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
-    let taken = if choice.verdict == Verdict::Unexplained { &choice.null } else { &choice.best };
+    let taken = if choice.verdict == Verdict::Unexplained {
+        &choice.null
+    } else {
+        &choice.best
+    };
     let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
     let effects = named(&engine, &choice, taken);
     clock.lap("intervals");
@@ -216,15 +226,24 @@ pub fn diagnose(
         let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
         Ok([nominal?, fitted?])
     };
-    let free_runs = validate.par_iter().map(free_run).collect::<Result<Vec<_>, BadInput>>()?;
+    let free_runs = validate
+        .par_iter()
+        .map(free_run)
+        .collect::<Result<Vec<_>, BadInput>>()?;
     clock.lap("free runs");
     let blocks = blocks(&model, &choice.null, taken);
     let left = |block: &usize| model.blocks()[*block];
-    let of_left = blocks.iter().enumerate().filter(|(place, _)| choice.left.contains(place));
+    let of_left = blocks
+        .iter()
+        .enumerate()
+        .filter(|(place, _)| choice.left.contains(place));
     let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
     let calibrated = model.calibrated(&taken.fit.nominal);
     let mut warnings = model.warnings();
-    for value in calibrated.iter().filter(|value| value.deviation.abs() > FAR) {
+    for value in calibrated
+        .iter()
+        .filter(|value| value.deviation.abs() > FAR)
+    {
         warnings.push(format!(
             "{} is off by {:.1} of its standard deviations: is this the rig of these records?",
             value.key, value.deviation
@@ -238,7 +257,11 @@ pub fn diagnose(
         effects,
         gap: gaps(&model, rig, validate, &free_runs),
         remaining: Remaining {
-            places: choice.left.iter().flat_map(|block| model.places(left(block))).collect(),
+            places: choice
+                .left
+                .iter()
+                .flat_map(|block| model.places(left(block)))
+                .collect(),
             when: words.join("; "),
         },
         share: choice.share,
@@ -248,7 +271,11 @@ pub fn diagnose(
         warnings,
         stages: clock.stages,
     };
-    Ok(Diagnosed { diagnosis, fitted, free_runs })
+    Ok(Diagnosed {
+        diagnosis,
+        fitted,
+        free_runs,
+    })
 }
 
 fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> Vec<Named> {
@@ -287,7 +314,13 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
             },
         })
     };
-    taken.fit.effects.iter().enumerate().filter_map(of).collect()
+    taken
+        .fit
+        .effects
+        .iter()
+        .enumerate()
+        .filter_map(of)
+        .collect()
 }
 
 fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
@@ -347,7 +380,14 @@ fn gaps(
     }
     let rms = |(signal, (squares, samples)): (&'static str, ([f64; 3], f64))| {
         let [before, after, noise] = squares.map(|sum| (sum / samples).sqrt());
-        (signal, GapOf { before, after, noise })
+        (
+            signal,
+            GapOf {
+                before,
+                after,
+                noise,
+            },
+        )
     };
     sums.into_iter().map(rms).collect()
 }
@@ -355,7 +395,10 @@ fn gaps(
 /// The experiment that would tell what the records leave open.
 fn next_experiment(choice: &Choice, effects: &[Named]) -> String {
     let told = |name: &str| effects::find(name).map(|kind| kind.experiment);
-    if let Some(open) = effects.iter().find(|effect| !effect.alternatives.is_empty()) {
+    if let Some(open) = effects
+        .iter()
+        .find(|effect| !effect.alternatives.is_empty())
+    {
         let names = open.alternatives.join(", ");
         let experiment = told(open.name).unwrap_or_default();
         return format!("To tell {} from {names}: {experiment}", open.name);

@@ -110,9 +110,11 @@ struct Prepared {
     warnings: Vec<String>,
 }
 
-/// Directions with each rest crossed in a straight line.
-fn bridged(directions: &[f64]) -> Vec<f64> {
-    let moving: Vec<usize> = (0..directions.len()).filter(|row| directions[*row] != 0.0).collect();
+/// Directions with each rest crossed as the pressure goes, which moves the muscle in its play.
+fn bridged(directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
+    let moving: Vec<usize> = (0..directions.len())
+        .filter(|row| directions[*row] != 0.0)
+        .collect();
     let mut sides = directions.to_vec();
     let (Some(first), Some(last)) = (moving.first(), moving.last()) else {
         return sides;
@@ -122,8 +124,13 @@ fn bridged(directions: &[f64]) -> Vec<f64> {
     for pair in moving.windows(2) {
         let (from, to) = (pair[0], pair[1]);
         for row in from + 1..to {
-            let share = (row - from) as f64 / (to - from) as f64;
-            sides[row] = directions[from] + share * (directions[to] - directions[from]);
+            let by_time = (row - from) as f64 / (to - from) as f64;
+            let by_pressure = pressure_pa.map(|p| (p[row] - p[from]) / (p[to] - p[from]));
+            let share = by_pressure
+                .filter(|share| share.is_finite())
+                .unwrap_or(by_time);
+            let whole = directions[to] - directions[from];
+            sides[row] = directions[from] + share.clamp(0.0, 1.0) * whole;
         }
     }
     sides
@@ -134,7 +141,11 @@ fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f
     let low = |value: f64| value < 1e-3;
     let rows = 3..time_s.len();
     let lands = rows.filter(|row| low(contraction[*row]) && !low(contraction[row - 1]));
-    let fast = lands.filter(|row| rates_per_s[row - 3..*row].iter().any(|r| *r < -LANDING_PER_S));
+    let fast = lands.filter(|row| {
+        rates_per_s[row - 3..*row]
+            .iter()
+            .any(|r| *r < -LANDING_PER_S)
+    });
     fast.map(|row| time_s[row]).collect()
 }
 
@@ -340,15 +351,21 @@ impl Prepared {
     /// `record` with the contraction that an encoder with play has read so.
     fn unplayed<'a>(&self, rig: &Rig, record: &'a Record) -> Cow<'a, Record> {
         let length_m = rig.muscle.initial_length_m;
-        let plays = rig.effects.iter().map(|effect| match (effect.form.build)(&effect.values) {
-            Term::Sensor(term) => term.play(length_m),
-            _ => 0.0,
-        });
+        let plays = rig
+            .effects
+            .iter()
+            .map(|effect| match (effect.form.build)(&effect.values) {
+                Term::Sensor(term) => term.play(length_m),
+                _ => 0.0,
+            });
         let play: f64 = plays.sum();
         let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
             return Cow::Borrowed(record);
         };
-        let true_contraction = contraction.iter().zip(&self.sides).map(|(c, side)| c + side * play);
+        let true_contraction = contraction
+            .iter()
+            .zip(&self.sides)
+            .map(|(c, side)| c + side * play);
         let mut record = record.clone();
         record.set(CONTRACTION, true_contraction.collect());
         Cow::Owned(record)
@@ -391,12 +408,14 @@ impl Prepared {
                 prepared.directions[row] = rate_per_s.signum();
             }
         }
-        prepared.sides = bridged(&prepared.directions);
+        prepared.sides = bridged(&prepared.directions, record.column(PRESSURE_PA));
         let time_s = record.time_s();
         let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
         let rows = |name: &str| -> Vec<usize> {
             let column = record.column(name).unwrap_or_default();
-            (begin..column.len()).filter(|row| !column[*row].is_nan()).collect()
+            (begin..column.len())
+                .filter(|row| !column[*row].is_nan())
+                .collect()
         };
         prepared.gas_rows = rows(PRESSURE_PA);
         prepared.force_rows = rows(FORCE_N);
@@ -517,12 +536,17 @@ impl Kernel {
             let mut weights: Vec<f64> = rows.clone().map(|(z, g)| polynomial(z) * g).collect();
             // Exact for constants, whatever the rows' times.
             if moment > 0 {
-                let excess = weights.iter().sum::<f64>() / rows.clone().map(|(_, g)| g).sum::<f64>();
+                let excess =
+                    weights.iter().sum::<f64>() / rows.clone().map(|(_, g)| g).sum::<f64>();
                 for (weight, (_, g)) in weights.iter_mut().zip(rows.clone()) {
                     *weight -= excess * g;
                 }
             }
-            let found: f64 = weights.iter().zip(rows).map(|(w, (z, _))| w * z.powi(moment)).sum();
+            let found: f64 = weights
+                .iter()
+                .zip(rows)
+                .map(|(w, (z, _))| w * z.powi(moment))
+                .sum();
             weights.iter().map(|weight| weight * of / found).collect()
         };
         Kernel {
@@ -571,6 +595,11 @@ impl Model for MuscleModel {
         &self.candidates
     }
 
+    /// Where the weight rests, friction takes up what it can.
+    fn proportional(&self, block: usize) -> bool {
+        self.blocks[block] == GAS
+    }
+
     /// The motion from the measured pressure: where the weight stays after each stop tells friction,
     /// play and slack far better than the balance of forces does, which knows only a tube there.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
@@ -580,7 +609,10 @@ impl Model for MuscleModel {
         }
         let record = &self.records[record];
         let simulated = simulate(&rig, &record.measured, TOLERANCE).ok()?;
-        let (is, was) = (simulated.column(CONTRACTION)?, record.measured.column(CONTRACTION)?);
+        let (is, was) = (
+            simulated.column(CONTRACTION)?,
+            record.measured.column(CONTRACTION)?,
+        );
         let pairs = is.iter().zip(was).filter(|(_, was)| !was.is_nan());
         let mean = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.count() as f64;
         let scale = MOTION_NOISES * record.noise.contraction;
@@ -593,7 +625,11 @@ impl Model for MuscleModel {
         let rows: Vec<usize> = match self.blocks[block] {
             GAS => record.gas_rows.clone(),
             FORCE => record.force_rows.clone(),
-            _ => record.places.iter().map(|p| p.rows.start + p.rows.len() / 2).collect(),
+            _ => record
+                .places
+                .iter()
+                .map(|p| p.rows.start + p.rows.len() / 2)
+                .collect(),
         };
         let time_s = record.measured.time_s();
         let pressure_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();

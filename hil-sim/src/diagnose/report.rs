@@ -19,7 +19,11 @@ fn quantity(value: f64, unit: &str) -> String {
     } else {
         significant(value)
     };
-    if unit == "1" { number } else { format!("{number} {unit}") }
+    if unit == "1" {
+        number
+    } else {
+        format!("{number} {unit}")
+    }
 }
 
 /// Share of the gap above the noise that is gone, the median over signals that had one.
@@ -35,7 +39,10 @@ fn removed(diagnosis: &Diagnosis) -> Option<f64> {
 
 fn named(effect: &Named) -> String {
     let parameters = effect.parameters.iter().map(|(name, estimate)| {
-        let name = name.strip_suffix(&key_unit(estimate.unit)).unwrap_or(name).replace('_', " ");
+        let name = name
+            .strip_suffix(&key_unit(estimate.unit))
+            .unwrap_or(name)
+            .replace('_', " ");
         format!("{name} {}", quantity(estimate.value, estimate.unit))
     });
     let parameters: Vec<String> = parameters.collect();
@@ -48,8 +55,17 @@ fn named(effect: &Named) -> String {
 
 /// A unit as it stands at the end of a key.
 fn key_unit(unit: &str) -> String {
-    let word = unit.to_lowercase().replace("·", "_").replace("/(", "_per_").replace('/', "_per_");
-    format!("_{}", word.replace([')', '('], "").replace('³', "3").replace('²', "2"))
+    let word = unit
+        .to_lowercase()
+        .replace("·", "_")
+        .replace("/(", "_per_")
+        .replace('/', "_per_");
+    format!(
+        "_{}",
+        word.replace([')', '('], "")
+            .replace('³', "3")
+            .replace('²', "2")
+    )
 }
 
 /// What was found, in sentences; the first is the headline.
@@ -67,7 +83,11 @@ pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
         Verdict::Explained => {
             let names: Vec<String> = diagnosis.effects.iter().map(named).collect();
             let gone = gone.map(|gone| format!("; adding it removes {gone}"));
-            format!("The rig shows {}{}.", names.join(" and "), gone.unwrap_or_default())
+            format!(
+                "The rig shows {}{}.",
+                names.join(" and "),
+                gone.unwrap_or_default()
+            )
         }
         Verdict::Unexplained => format!(
             "Unexplained: something is left in {} that no known effect explains, {}.",
@@ -78,10 +98,18 @@ pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
     for effect in &diagnosis.effects {
         if !effect.alternatives.is_empty() {
             let others = effect.alternatives.join(" or ");
-            said.push(format!("These records cannot tell {} from {others}.", effect.name));
+            said.push(format!(
+                "These records cannot tell {} from {others}.",
+                effect.name
+            ));
         }
     }
-    said.extend(diagnosis.warnings.iter().map(|warning| format!("Note: {warning}.")));
+    said.extend(
+        diagnosis
+            .warnings
+            .iter()
+            .map(|warning| format!("Note: {warning}.")),
+    );
     said.push(format!("Next experiment: {}", diagnosis.next_experiment));
     said
 }
@@ -96,9 +124,10 @@ fn gap_table(diagnosis: &Diagnosis) -> Table {
     };
     let columns = ["signal", "nominal rig", "fitted rig", "noise"];
     Table {
-        caption: "Root mean square of simulated − measured over the validation records, which were \
+        caption:
+            "Root mean square of simulated − measured over the validation records, which were \
                   never fitted"
-            .into(),
+                .into(),
         columns: columns.map(String::from).to_vec(),
         rows: diagnosis.gap.iter().filter_map(row).collect(),
     }
@@ -138,7 +167,11 @@ fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
     let line = |name: &str, profile: &Profile| {
         let middle = |bin: &[f64; 3]| 0.5 * (bin[0] + bin[1]);
         let x = profile.bins.iter().map(middle).collect();
-        Series::new(name, x, profile.bins.iter().map(|bin| bin[2].sqrt()).collect())
+        Series::new(
+            name,
+            x,
+            profile.bins.iter().map(|bin| bin[2].sqrt()).collect(),
+        )
     };
     let (unit, factor) = match before.unit {
         "Pa" => ("kPa", 1e-3),
@@ -149,7 +182,10 @@ fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
         caption: "Root mean square in units of the noise".into(),
         x: Axis::new(before.coordinate, unit, factor),
         y: Axis::new("residual", "σ", 1.0),
-        series: vec![line("nominal, calibrated", before), line("fitted", after).dashed()],
+        series: vec![
+            line("nominal, calibrated", before),
+            line("fitted", after).dashed(),
+        ],
         markers: Vec::new(),
         sync: None,
     }
@@ -177,12 +213,19 @@ fn effect_table(diagnosis: &Diagnosis) -> Table {
 }
 
 fn tried_table(diagnosis: &Diagnosis) -> Table {
-    let best = diagnosis.tried.first().map_or(0.0, |tried| tried.cost.iter().sum());
+    let best = diagnosis
+        .tried
+        .first()
+        .map_or(0.0, |tried| tried.cost.iter().sum());
     let row = |tried: &super::Tried| {
         let names = tried.effects.join(" + ");
         let sum: f64 = tried.cost.iter().sum();
         vec![
-            if names.is_empty() { "none".into() } else { names },
+            if names.is_empty() {
+                "none".into()
+            } else {
+                names
+            },
             format!("{:.0}", tried.cost[0]),
             format!("{:.0}", tried.cost[1]),
             format!("{:+.0}", sum - best),
@@ -201,7 +244,12 @@ fn tried_table(diagnosis: &Diagnosis) -> Table {
 fn calibrated_table(diagnosis: &Diagnosis) -> Table {
     let row = |value: &super::Calibrated| {
         let [nominal, fitted] = value.values.map(|value| quantity(value, "1"));
-        vec![value.key.clone(), nominal, fitted, format!("{:+.1} σ", value.deviation)]
+        vec![
+            value.key.clone(),
+            nominal,
+            fitted,
+            format!("{:+.1} σ", value.deviation),
+        ]
     };
     let columns = ["value", "nominal", "calibrated", "moved by"];
     Table {
@@ -234,7 +282,9 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
     for block in &diagnosis.blocks {
         let [before, after] = &block.profiles;
         let pairs = before.iter().zip(after);
-        where_it_lives.plots.extend(pairs.map(|(b, a)| against(block.block, b, a)));
+        where_it_lives
+            .plots
+            .extend(pairs.map(|(b, a)| against(block.block, b, a)));
     }
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
@@ -248,7 +298,10 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
             evidence.source
         )
     });
-    let others = diagnosis.effects.iter().flat_map(|effect| &effect.alternatives);
+    let others = diagnosis
+        .effects
+        .iter()
+        .flat_map(|effect| &effect.alternatives);
     let others = others.filter_map(|name| effects::find(name));
     let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.mark));
     let mut effects = Section {
@@ -259,7 +312,10 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
     if !diagnosis.effects.is_empty() {
         effects.tables.push(effect_table(diagnosis));
     }
-    let stages = diagnosis.stages.iter().map(|s| format!("{} {:.1} s", s.stage, s.spent_s));
+    let stages = diagnosis
+        .stages
+        .iter()
+        .map(|s| format!("{} {:.1} s", s.stage, s.spent_s));
     let stages: Vec<String> = stages.collect();
     Report {
         title: "Diagnosis".into(),
