@@ -12,6 +12,8 @@ use rayon::prelude::*;
 const LEADERS: [usize; 2] = [3, 2];
 /// Names that are tried beside a leader.
 const FOLLOWERS: usize = 4;
+/// Leading sets of which every form is tried.
+const VARIED: usize = 2;
 /// Leading sets whose fit is made exact.
 const POLISHED: usize = 4;
 /// Effects that are named together at most.
@@ -19,7 +21,7 @@ const MEMBERS: usize = 3;
 /// Mean square of residuals, tamed, up to which a block is as good as its noise.
 const NOISE_ONLY: f64 = 1.3;
 /// Gain in cost that noise alone does not give.
-const GAIN: f64 = 30.0;
+const GAIN: f64 = 24.0;
 /// Promised gain that is worth a fit where nothing is above the noise.
 const PROMISE: f64 = 10.0;
 /// Gain that each parameter of an effect gives by itself, with room.
@@ -122,7 +124,9 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// Fits `sets`, and makes the leading ones exact.
     fn try_all(&mut self, sets: &[Vec<usize>]) {
-        let members = sets.first().map_or(0, Vec::len);
+        let Some(members) = sets.first().map(Vec::len) else {
+            return;
+        };
         let fitted: Vec<Hypothesis> = sets
             .par_iter()
             .filter_map(|set| self.engine.hypothesis(set))
@@ -226,6 +230,28 @@ impl<M: Model> Search<'_, '_, M> {
             }
         }
         sets
+    }
+
+    /// The leading sets with one member each time in another form of the same effect.
+    fn variants(&self, members: usize) -> Vec<Vec<usize>> {
+        let all = self.engine.model.candidates();
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let leading = self.distinct(of_size.map(|h| h.candidates.clone()), VARIED);
+        let mut variants = Vec::new();
+        for set in leading {
+            for (place, own) in set.iter().enumerate() {
+                for other in 0..all.len() {
+                    let mut variant = set.clone();
+                    variant[place] = other;
+                    variant.sort_unstable();
+                    let known = self.tried.iter().any(|h| h.candidates == variant);
+                    if all[other].effect == all[*own].effect && !known {
+                        variants.push(variant);
+                    }
+                }
+            }
+        }
+        variants
     }
 
     /// Whether each member of `hypothesis` is needed.
@@ -333,6 +359,14 @@ pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choic
             sets: sets.len(),
         });
         search.try_all(&sets);
+        if members > 1 {
+            let variants = search.variants(members);
+            step(Step {
+                members,
+                sets: variants.len(),
+            });
+            search.try_all(&variants);
+        }
         let best = search.tried.clone().into_iter().find(|h| search.needed(h));
         let found = best.as_ref().map_or(0, |best| best.candidates.len());
         // Three together only where two are better than one, or much is left.

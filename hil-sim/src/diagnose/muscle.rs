@@ -36,6 +36,10 @@ const TOLERANCE: f64 = 1e-4;
 const SPEED_ERRORS: f64 = 5.0;
 /// So near to a change of direction the weight may still be stuck, or be so already \[s\].
 const TURN_S: f64 = 0.03;
+/// An encoder that rests for longer than this has more to it than a turn of the motion \[s\].
+const TURN_LONG_S: f64 = 0.3;
+/// So near to its lowest reading the weight may rest on the stop, which holds it from below \[-\].
+const STOP_REACH: f64 = 5e-3;
 /// So long after a landing on the stop the gas is not compared \[s\]: between two samples the
 /// contraction is not known there.
 const LANDING_S: f64 = 0.1;
@@ -49,7 +53,7 @@ const STEPS_PER_ROW: f64 = 2.0;
 /// sticks is decided by less.
 const MOTION_NOISES: f64 = 5.0;
 /// Stops of a record that are independent of each other.
-const MOTION_STOPS: f64 = 20.0;
+const MOTION_STOPS: f64 = 8.0;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
 const FORCE_FLOOR_N: f64 = 0.1;
 
@@ -81,12 +85,7 @@ impl Noise {
 
 /// One place where the balance of forces is looked at.
 struct Place {
-    /// Rows under the kernel, and their weights.
-    rows: std::ops::Range<usize>,
-    weights: Vec<f64>,
-    /// Smoothed ε̈ \[1/s²\] and ε̇ \[1/s\].
-    acceleration_per_s2: f64,
-    rate_per_s: f64,
+    kernel: Kernel,
     /// One over the standard deviation of the balance's noise \[1/N\].
     per_noise: f64,
 }
@@ -110,8 +109,9 @@ struct Prepared {
     warnings: Vec<String>,
 }
 
-/// Directions with each rest crossed as the pressure goes, which moves the muscle in its play.
-fn bridged(directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
+/// Directions with each rest of the encoder crossed: in a short one the motion turns, with a steady
+/// acceleration; in a long one the muscle goes with the pressure.
+fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
     let moving: Vec<usize> = (0..directions.len())
         .filter(|row| directions[*row] != 0.0)
         .collect();
@@ -124,11 +124,11 @@ fn bridged(directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
     for pair in moving.windows(2) {
         let (from, to) = (pair[0], pair[1]);
         for row in from + 1..to {
-            let by_time = (row - from) as f64 / (to - from) as f64;
+            let by_time = (time_s[row] - time_s[from]) / (time_s[to] - time_s[from]);
+            let long = time_s[to] - time_s[from] > TURN_LONG_S;
             let by_pressure = pressure_pa.map(|p| (p[row] - p[from]) / (p[to] - p[from]));
-            let share = by_pressure
-                .filter(|share| share.is_finite())
-                .unwrap_or(by_time);
+            let by_pressure = by_pressure.filter(|share| long && share.is_finite());
+            let share = by_pressure.unwrap_or(by_time * by_time);
             let whole = directions[to] - directions[from];
             sides[row] = directions[from] + share.clamp(0.0, 1.0) * whole;
         }
@@ -138,7 +138,8 @@ fn bridged(directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
 
 /// When a weight lands on its stop with a speed.
 fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f64> {
-    let low = |value: f64| value < 1e-3;
+    let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
+    let low = |value: f64| value < lowest + 1e-3;
     let rows = 3..time_s.len();
     let lands = rows.filter(|row| low(contraction[*row]) && !low(contraction[row - 1]));
     let fast = lands.filter(|row| {
@@ -347,28 +348,49 @@ fn with_columns(record: &Record, names: &[&str]) -> Record {
     copy
 }
 
+/// How far the encoder of `rig` may be behind the muscle, either way \[-\].
+fn play(rig: &Rig) -> f64 {
+    let length_m = rig.muscle.initial_length_m;
+    let plays = rig
+        .effects
+        .iter()
+        .map(|effect| match (effect.form.build)(&effect.values) {
+            Term::Sensor(term) => term.play(length_m),
+            _ => 0.0,
+        });
+    plays.sum()
+}
+
 impl Prepared {
-    /// `record` with the contraction that an encoder with play has read so.
-    fn unplayed<'a>(&self, rig: &Rig, record: &'a Record) -> Cow<'a, Record> {
-        let length_m = rig.muscle.initial_length_m;
-        let plays = rig
-            .effects
-            .iter()
-            .map(|effect| match (effect.form.build)(&effect.values) {
-                Term::Sensor(term) => term.play(length_m),
-                _ => 0.0,
-            });
-        let play: f64 = plays.sum();
+    /// `record` with the contraction that an encoder with `play` has read so; where the encoder
+    /// rests the muscle is where it `may` be in the play, from −1 to 1, or where it most likely is.
+    fn unplayed<'a>(&self, play: f64, record: &'a Record, may: Option<f64>) -> Cow<'a, Record> {
         let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
             return Cow::Borrowed(record);
         };
-        let true_contraction = contraction
-            .iter()
-            .zip(&self.sides)
-            .map(|(c, side)| c + side * play);
+        let place = |side: &f64| may.filter(|_| side.abs() < 1.0).unwrap_or(*side);
+        let pairs = contraction.iter().zip(&self.sides);
+        let true_contraction = pairs.map(|(c, side)| c + play * place(side)).collect();
         let mut record = record.clone();
-        record.set(CONTRACTION, true_contraction.collect());
+        record.set(CONTRACTION, true_contraction);
         Cow::Owned(record)
+    }
+
+    /// The least and the most force that the muscle can have, row by row \[N\].
+    fn forces_n(&self, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+        let play = play(rig);
+        let of = |may: Option<f64>| {
+            let read = run(rig, &self.unplayed(play, &self.measured, may))?;
+            Some(
+                read.into_iter()
+                    .map(|(read, force_n)| (read.force_n, force_n)),
+            )
+        };
+        if play == 0.0 {
+            return Some(of(None)?.map(|(read_n, _)| (read_n, read_n)).collect());
+        }
+        let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
+        Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
     }
 
     fn new(rig: &Rig, record: &Record) -> Result<Prepared, BadInput> {
@@ -408,7 +430,11 @@ impl Prepared {
                 prepared.directions[row] = rate_per_s.signum();
             }
         }
-        prepared.sides = bridged(&prepared.directions, record.column(PRESSURE_PA));
+        prepared.sides = bridged(
+            record.time_s(),
+            &prepared.directions,
+            record.column(PRESSURE_PA),
+        );
         let time_s = record.time_s();
         let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
         let rows = |name: &str| -> Vec<usize> {
@@ -451,6 +477,7 @@ impl Prepared {
         ) else {
             return;
         };
+        let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
         let count = ((last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S) / SPACING_S).max(0.0);
         for number in 0..count as usize {
@@ -460,9 +487,8 @@ impl Prepared {
             let present = rows
                 .clone()
                 .all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan());
-            let lifted = rows
-                .clone()
-                .all(|r| contraction[r] > 5.0 * self.noise.contraction + 1e-4);
+            // An encoder with an offset or with play reads something else than 0 on the stop.
+            let lifted = rows.clone().all(|r| contraction[r] > lowest + STOP_REACH);
             if rows.len() < 5 || !present || !lifted {
                 continue;
             }
@@ -496,11 +522,8 @@ impl Prepared {
                 .hypot(from_sampling_n)
                 .hypot(FORCE_FLOOR_N);
             self.places.push(Place {
-                acceleration_per_s2: kernel.second(contraction),
-                rate_per_s: kernel.first(contraction),
                 per_noise: 1.0 / noise_n,
-                weights: kernel.value,
-                rows,
+                kernel,
             });
         }
     }
@@ -555,6 +578,11 @@ impl Kernel {
             first: weights(|z| z, 1, 1.0 / width_s),
             second: weights(|z| z * z - 1.0, 2, 2.0 / (width_s * width_s)),
         }
+    }
+
+    /// The row in the middle.
+    fn middle(&self) -> usize {
+        self.rows.start + self.rows.len() / 2
     }
 
     fn first(&self, values: &[f64]) -> f64 {
@@ -628,7 +656,7 @@ impl Model for MuscleModel {
             _ => record
                 .places
                 .iter()
-                .map(|p| p.rows.start + p.rows.len() / 2)
+                .map(|place| place.kernel.middle())
                 .collect(),
         };
         let time_s = record.measured.time_s();
@@ -703,7 +731,7 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     rig.load = Load::Prescribed;
     let inputs = record.gas.as_ref()?;
     let measured = inputs.column(PRESSURE_PA)?;
-    let read = run(&rig, &record.unplayed(&rig, inputs))?;
+    let read = run(&rig, &record.unplayed(play(&rig), inputs, None))?;
     let residual =
         |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
     Some(record.gas_rows.iter().map(residual).collect())
@@ -713,13 +741,14 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
     let contraction = record.measured.column(CONTRACTION)?;
-    let read = run(&rig, &record.unplayed(&rig, &record.measured))?;
+    let forces_n = record.forces_n(&rig)?;
     let residual = |row: &usize| {
         let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
         let noise_n = (per_pressure_m2 * record.noise.pressure_pa)
             .hypot(record.noise.force_n)
             .hypot(FORCE_FLOOR_N);
-        (read[*row].0.force_n - measured[*row]) / noise_n
+        let (least_n, most_n) = forces_n[*row];
+        (measured[*row].clamp(least_n, most_n) - measured[*row]) / noise_n
     };
     Some(record.force_rows.iter().map(residual).collect())
 }
@@ -744,16 +773,15 @@ impl MuscleModel {
                 load.terms.push(term, 0);
             }
         }
-        let force_n: Vec<f64> = if self.blocks.contains(&FORCE) {
-            record.measured.column(FORCE_N)?.to_vec()
+        let played = record.unplayed(play(&rig), &record.measured, None);
+        let forces_n: Vec<(f64, f64)> = if self.blocks.contains(&FORCE) {
+            let measured_n = record.measured.column(FORCE_N)?.iter();
+            measured_n.map(|force_n| (*force_n, *force_n)).collect()
         } else {
             rig.load = Load::Prescribed;
-            run(&rig, &record.unplayed(&rig, &record.measured))?
-                .into_iter()
-                .map(|(_, force_n)| force_n)
-                .collect()
+            record.forces_n(&rig)?
         };
-        let contraction = record.measured.column(CONTRACTION)?;
+        let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
         // States of terms are at rest here: forms that have some are judged without them.
         let rest = [0.0; 8];
@@ -774,22 +802,26 @@ impl MuscleModel {
                     (direction * weight.coulomb_friction_n, 0.0)
                 };
                 let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+                let (least_n, most_n) = forces_n[row];
                 [
-                    force_n[row] + lifting_n - weight_n - middle_n,
-                    reach_n,
+                    0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                    reach_n + 0.5 * (most_n - least_n),
                     weight.mass_kg,
                 ]
             })
             .collect();
         let residuals = record.places.iter().map(|place| {
             let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
-            for (weight, row) in place.weights.iter().zip(&rows[place.rows.clone()]) {
+            let kernel = &place.kernel;
+            for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
                 balance_n += weight * row[0];
                 reach_n += weight * row[1];
                 mass_kg += weight * row[2];
             }
-            balance_n -= mass_kg * load.initial_length_m * place.acceleration_per_s2
-                + load.weight.viscous_damping_ns_per_m * load.initial_length_m * place.rate_per_s;
+            balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
+                + load.weight.viscous_damping_ns_per_m
+                    * load.initial_length_m
+                    * kernel.first(contraction);
             let outside_n = balance_n - balance_n.clamp(-reach_n.abs(), reach_n.abs());
             outside_n * place.per_noise
         });
