@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
 use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, hil, replay};
+use hil_sim::{hil, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -61,8 +61,6 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
-    #[error(transparent)]
     Link(#[from] LinkError),
 }
 
@@ -70,7 +68,7 @@ impl From<hil::Error> for Failure {
     fn from(error: hil::Error) -> Failure {
         match error {
             hil::Error::Link(error) => error.into(),
-            hil::Error::ClosedLoop(error) => error.into(),
+            hil::Error::Input(error) => error.into(),
             hil::Error::NotWritten(error) => error.into(),
         }
     }

@@ -5,6 +5,7 @@ use crate::error::BadInput;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
+use std::ops::Range;
 use std::path::Path;
 use toml_edit::{Document, Item, TableLike, Value};
 
@@ -460,9 +461,7 @@ impl<'a> File<'a> {
                 lines.extend(section.line.map(|line| (section.name.clone(), line)));
             }
         }
-        let tables = root.table.get("effect").and_then(Item::as_array_of_tables);
-        let first = tables.and_then(|tables| tables.get(0)?.span());
-        lines.extend(first.map(|span| ("effect".into(), line_of(self.text, span.start))));
+        lines.extend(root.line("effect").map(|line| ("effect".into(), line)));
         let (muscle, volume) = muscle(&required("muscle")?)?;
         Ok(Rig {
             file: self.name.into(),
@@ -591,24 +590,34 @@ fn tolerances(root: &Section) -> Result<Vec<Tolerance>, BadInput> {
 }
 
 fn all_effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
-    let Some(item) = root.table.get("effect") else {
-        return Ok(Vec::new());
-    };
-    let Some(tables) = item.as_array_of_tables() else {
-        let expected = format!("sections in double brackets, found {}", kind_of(item));
-        return Err(root.bad("effect", expected));
-    };
-    let tables = tables.iter();
-    tables
-        .map(|table| {
-            effect(&Section {
-                file: root.file,
-                name: "effect".into(),
-                table,
-                line: table.span().map(|span| line_of(root.file.text, span.start)),
-            })
+    let one = |table: &dyn TableLike, span: Option<Range<usize>>| {
+        effect(&Section {
+            file: root.file,
+            name: "effect".into(),
+            table,
+            line: span.map(|span| line_of(root.file.text, span.start)),
         })
-        .collect()
+    };
+    let bad = |found: &str| {
+        let expected = format!("sections `[[effect]]`, found {found}");
+        root.bad("effect", expected)
+    };
+    match root.table.get("effect") {
+        None => Ok(Vec::new()),
+        Some(Item::ArrayOfTables(tables)) => {
+            let effects = tables.iter().map(|table| one(table, table.span()));
+            effects.collect()
+        }
+        // `effect = [{ name = … }]` is the same in TOML.
+        Some(Item::Value(Value::Array(values))) => {
+            let effects = values.iter().map(|value| match value {
+                Value::InlineTable(table) => one(table, table.span()),
+                other => Err(bad(other.type_name())),
+            });
+            effects.collect()
+        }
+        Some(other) => Err(bad(kind_of(other))),
+    }
 }
 
 fn effect(section: &Section) -> Result<Effect, BadInput> {
@@ -679,5 +688,25 @@ mod tests {
         let rig = Rig::parse("rig.toml", &text).expect("a rig");
         assert_eq!(rig.effects[0].kind.name, "leak");
         assert_eq!(rig.effects[0].values, [4e-9]);
+    }
+
+    #[test]
+    fn effects_may_stand_in_an_array() {
+        let schema = "schema = 1\n";
+        assert!(Rig::REFERENCE_TOML.contains(schema));
+        let parse = |effects: &str| {
+            let text = format!("{schema}effect = [\n{effects}\n]\n");
+            Rig::parse("rig.toml", &Rig::REFERENCE_TOML.replace(schema, &text))
+        };
+        let leak = "{ name = \"leak\", conductance_kg_per_pa_s = 4e-9 },";
+        let rig = parse(&[leak, leak].join("\n")).expect("a rig");
+        assert_eq!(rig.effects.len(), 2);
+        assert_eq!(rig.effects[1].values, [4e-9]);
+        let error = parse(&[leak, "{ name = \"leek\" }"].join("\n")).expect_err("no such effect");
+        let line = |rig: &Rig| rig.bad("effect", "").line;
+        assert_eq!(error.line, line(&rig).map(|line| line + 2));
+        assert_eq!(error.place.as_deref(), Some("key `effect.name`"));
+        let error = parse("4e-9").expect_err("no section");
+        assert!(error.expected.ends_with("found float"), "{error}");
     }
 }

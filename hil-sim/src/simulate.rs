@@ -50,10 +50,7 @@ pub(crate) fn above_vacuum(
         return Ok(pressure);
     }
     let expected = format!("a gauge pressure above vacuum, found {}", pressure.0);
-    Err(BadInput {
-        line: record.bad_at(record.time_s()[row], "").line,
-        ..record.bad(record::PRESSURE_PA, &expected)
-    })
+    Err(record.bad_cell(record::PRESSURE_PA, row, &expected))
 }
 
 impl<'a> Inputs<'a> {
