@@ -123,7 +123,8 @@ impl<'a> Inputs<'a> {
         self.pressure_pa.get(row).copied().map(GaugePa)
     }
 
-    /// Runs `rig` from `initial` over the first `rows` rows; `visit` gets each row's simulation, and
+    /// Runs `rig` from `initial` over the first `rows` rows; `visit` gets each row's simulation,
+    /// and
     /// may break off.
     pub fn run(
         &self,

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let pool = pool
         .build()
-        .map_err(|error| BadInput::file("--threads", &error.to_string()))?;
+        .map_err(|error| BadInput::file("--threads", error.to_string()))?;
     let diagnosed = {
         let progress = Progress::new("diagnosing", 3);
         let step = |_| progress.step();

@@ -85,7 +85,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => vec![("assist", rig)],
     };
     for (name, _) in &rigs {
-        args.scenario.spares(&args.common.record_path(name)?)?;
+        let record = args.common.out.join(super::record_name(name));
+        args.scenario.spares(&record)?;
     }
     let mut board = connect(args.port.as_deref())?;
     let words = in_words(&board.identity);

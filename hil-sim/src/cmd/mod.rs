@@ -72,7 +72,7 @@ impl Common {
 
     /// The path of the record of the run `name`.
     fn record_path(&self, name: &str) -> Result<PathBuf, BadInput> {
-        self.path(&(name.replace(' ', "-") + ".csv"))
+        self.path(&record_name(name))
     }
 
     /// Writes report.html and prints the summary, in words or as JSON.
@@ -88,6 +88,11 @@ impl Common {
         eprintln!("report: {}", path.display());
         Ok(())
     }
+}
+
+/// What the record of the run `name` is called.
+fn record_name(name: &str) -> String {
+    name.replace(' ', "-") + ".csv"
 }
 
 /// The command that was given, for a shell to repeat.

@@ -255,7 +255,7 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Whether each member of `hypothesis` is needed.
-    fn needed(&mut self, hypothesis: &Hypothesis) -> bool {
+    fn needed(&self, hypothesis: &Hypothesis) -> bool {
         let names: Vec<&str> = hypothesis
             .candidates
             .iter()
@@ -331,6 +331,53 @@ impl<M: Model> Search<'_, '_, M> {
         };
         (0..names.len()).map(of).collect()
     }
+
+    /// The best set whose members are all needed.
+    fn taken(&self) -> Option<Hypothesis> {
+        self.tried.iter().find(|h| self.needed(h)).cloned()
+    }
+
+    /// Tries effects alone, then what leads among them together.
+    fn run(&mut self, null: &Hypothesis, step: impl Fn(Step)) -> Option<()> {
+        // Where a block is as good as its noise, what does not even promise to be seen is not
+        // fitted.
+        let promises = self.engine.promises(null)?;
+        let worth = |candidate: &usize| {
+            let blocks = &self.engine.model.candidates()[*candidate].blocks;
+            let open = |block: &usize| {
+                excess_of(&null.fit, *block) > 0.0 || !self.engine.model.proportional(*block)
+            };
+            blocks.iter().any(open) || promises[*candidate] > PROMISE
+        };
+        let candidates = (0..self.engine.model.candidates().len()).filter(worth);
+        let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
+        for members in 1..=MEMBERS {
+            step(Step {
+                members,
+                sets: sets.len(),
+            });
+            self.try_all(&sets);
+            if members > 1 {
+                let variants = self.variants(members);
+                step(Step {
+                    members,
+                    sets: variants.len(),
+                });
+                self.try_all(&variants);
+            }
+            let found = self.taken().map_or(0, |best| best.candidates.len());
+            // Three together only where two are better than one, or much is left.
+            if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
+                break;
+            }
+            let leaders = self.leaders(null, members);
+            sets = self.joined(&leaders);
+            if sets.is_empty() {
+                break;
+            }
+        }
+        Some(())
+    }
 }
 
 /// Chooses; `step` is told what is tried. `None` where the model has no solution at all.
@@ -342,48 +389,8 @@ pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choic
         engine,
         tried: vec![null.clone()],
     };
-    // Where a block is as good as its noise, what does not even promise to be seen is not fitted.
-    let promises = engine.promises(&null)?;
-    let worth = |candidate: &usize| {
-        let blocks = &engine.model.candidates()[*candidate].blocks;
-        let open = |block: &usize| {
-            excess_of(&null.fit, *block) > 0.0 || !engine.model.proportional(*block)
-        };
-        blocks.iter().any(open) || promises[*candidate] > PROMISE
-    };
-    let candidates = (0..engine.model.candidates().len()).filter(worth);
-    let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
-    for members in 1..=MEMBERS {
-        step(Step {
-            members,
-            sets: sets.len(),
-        });
-        search.try_all(&sets);
-        if members > 1 {
-            let variants = search.variants(members);
-            step(Step {
-                members,
-                sets: variants.len(),
-            });
-            search.try_all(&variants);
-        }
-        let best = search.tried.clone().into_iter().find(|h| search.needed(h));
-        let found = best.as_ref().map_or(0, |best| best.candidates.len());
-        // Three together only where two are better than one, or much is left.
-        if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
-            break;
-        }
-        let leaders = search.leaders(&null, members);
-        sets = search.joined(&leaders);
-        if sets.is_empty() {
-            break;
-        }
-    }
-    let order = search.tried.clone();
-    let best = order
-        .into_iter()
-        .find(|h| search.needed(h))
-        .unwrap_or_else(|| null.clone());
+    search.run(&null, step)?;
+    let best = search.taken().unwrap_or_else(|| null.clone());
     let above = excess(&null.fit);
     let share = if above > 0.0 {
         1.0 - excess(&best.fit) / above

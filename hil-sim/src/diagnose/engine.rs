@@ -79,7 +79,8 @@ pub trait Model: Sync {
     fn nominal_blocks(&self) -> &[Vec<usize>];
     /// The effects that may be missing.
     fn candidates(&self) -> &[Candidate];
-    /// Residuals of a block over a record, in units of their noise; `nominal` in standard deviations
+    /// Residuals of a block over a record, in units of their noise; `nominal` in standard
+    /// deviations
     /// of its prior. Their number does not depend on `nominal` and `effects`. `None` where the
     /// model has no solution.
     fn residuals(
@@ -398,7 +399,8 @@ impl<M: Model> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, M> {
     }
 }
 
-/// A residual whose square grows like the residual itself beyond [`OUTLIER`] (Huber's loss), so that
+/// A residual whose square grows like the residual itself beyond [`OUTLIER`] (Huber's loss), so
+/// that
 /// the few moments that a block does not see right do not rule the fit; and its slope.
 fn tamed(residual: f64) -> (f64, f64) {
     let size = residual.abs();
@@ -424,11 +426,14 @@ impl std::ops::AddAssign for Tally {
     }
 }
 
+/// Fits by their blocks and candidates.
+type Fits = HashMap<(Vec<usize>, Vec<usize>), Option<Fit>>;
+
 /// Fits and what they predict, each made once.
 pub struct Engine<'a, M> {
     /// The model.
     pub model: &'a M,
-    fits: Mutex<HashMap<(Vec<usize>, Vec<usize>), Option<Fit>>>,
+    fits: Mutex<Fits>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -621,10 +626,12 @@ impl<'a, M: Model> Engine<'a, M> {
         self.finished(hypothesis.candidates.clone(), joint)
     }
 
-    /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 % intervals.
+    /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 %
+    /// intervals.
     ///
     /// From the Jacobian and the scatter of its products with the residuals from one stretch of
-    /// time to the next (White's estimator, clustered), which holds when residuals are not white, or
+    /// time to the next (White's estimator, clustered), which holds when residuals are not white,
+    /// or
     /// their noise is not the assumed one; never narrower than the assumed noise makes them.
     pub fn intervals(&self, hypothesis: &Hypothesis) -> Option<Vec<Vec<[f64; 2]>>> {
         let blocks: Vec<usize> = (0..self.model.blocks().len()).collect();

@@ -239,16 +239,7 @@ pub fn diagnose(
         .filter(|(place, _)| choice.left.contains(place));
     let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
     let calibrated = model.calibrated(&taken.fit.nominal);
-    let mut warnings = model.warnings();
-    for value in calibrated
-        .iter()
-        .filter(|value| value.deviation.abs() > FAR)
-    {
-        warnings.push(format!(
-            "{} is off by {:.1} of its standard deviations: is this the rig of these records?",
-            value.key, value.deviation
-        ));
-    }
+    let warnings = warnings(&model, &calibrated);
     clock.lap("report");
     let diagnosis = Diagnosis {
         schema: 1,
@@ -276,6 +267,21 @@ pub fn diagnose(
         fitted,
         free_runs,
     })
+}
+
+/// What is doubtful about records and rig.
+fn warnings(model: &MuscleModel, calibrated: &[Calibrated]) -> Vec<String> {
+    let mut warnings = model.warnings();
+    for value in calibrated
+        .iter()
+        .filter(|value| value.deviation.abs() > FAR)
+    {
+        warnings.push(format!(
+            "{} is off by {:.1} of its standard deviations: is this the rig of these records?",
+            value.key, value.deviation
+        ));
+    }
+    warnings
 }
 
 fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> Vec<Named> {

@@ -184,7 +184,8 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
 }
 
 impl MuscleModel {
-    /// The model of `rig` with the records that are fitted; effects named in `without` are left out.
+    /// The model of `rig` with the records that are fitted; effects named in `without` are left
+    /// out.
     ///
     /// # Errors
     /// The records lack what every diagnosis needs.
@@ -420,21 +421,7 @@ impl Prepared {
             force_rows: Vec::new(),
             warnings: checked.warnings.iter().map(ToString::to_string).collect(),
         };
-        for row in 0..contraction.len() {
-            let time_s = record.time_s()[row];
-            let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
-            let rate_per_s = kernel.first(contraction);
-            let error = noise.contraction * norm(&kernel.first);
-            prepared.rates_per_s[row] = rate_per_s;
-            if rate_per_s.abs() > SPEED_ERRORS * error {
-                prepared.directions[row] = rate_per_s.signum();
-            }
-        }
-        prepared.sides = bridged(
-            record.time_s(),
-            &prepared.directions,
-            record.column(PRESSURE_PA),
-        );
+        prepared.motion(record, contraction);
         let time_s = record.time_s();
         let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
         let rows = |name: &str| -> Vec<usize> {
@@ -466,6 +453,25 @@ impl Prepared {
         prepared.directions = surely;
         prepared.places(rig, &weight);
         Ok(prepared)
+    }
+
+    /// Rates, directions, and on which side of a play the encoder is.
+    fn motion(&mut self, record: &Record, contraction: &[f64]) {
+        for row in 0..contraction.len() {
+            let time_s = record.time_s()[row];
+            let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
+            let rate_per_s = kernel.first(contraction);
+            let error = self.noise.contraction * norm(&kernel.first);
+            self.rates_per_s[row] = rate_per_s;
+            if rate_per_s.abs() > SPEED_ERRORS * error {
+                self.directions[row] = rate_per_s.signum();
+            }
+        }
+        self.sides = bridged(
+            record.time_s(),
+            &self.directions,
+            record.column(PRESSURE_PA),
+        );
     }
 
     /// Where the balance of the load is looked at: away from ends, gaps and the stop.
@@ -628,7 +634,8 @@ impl Model for MuscleModel {
         self.blocks[block] == GAS
     }
 
-    /// The motion from the measured pressure: where the weight stays after each stop tells friction,
+    /// The motion from the measured pressure: where the weight stays after each stop tells
+    /// friction,
     /// play and slack far better than the balance of forces does, which knows only a tube there.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
         let rig = self.fitted(nominal, effects);

@@ -259,6 +259,37 @@ fn calibrated_table(diagnosis: &Diagnosis) -> Table {
     }
 }
 
+/// What is missing, why, and what else it could be.
+fn missing(diagnosis: &Diagnosis) -> Section {
+    let marks = diagnosis.effects.iter().map(|effect| {
+        let evidence = &effect.evidence;
+        format!(
+            "{} ({}): {} Without it the cost is {:.0}, with it {:.0}. {}",
+            effect.name,
+            effect.place,
+            evidence.mark,
+            evidence.cost_without,
+            evidence.cost,
+            evidence.source
+        )
+    });
+    let others = diagnosis
+        .effects
+        .iter()
+        .flat_map(|effect| &effect.alternatives);
+    let others = others.filter_map(|name| effects::find(name));
+    let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.mark));
+    let mut section = Section {
+        heading: "What is missing".into(),
+        text: marks.chain(others).collect(),
+        ..Section::default()
+    };
+    if !diagnosis.effects.is_empty() {
+        section.tables.push(effect_table(diagnosis));
+    }
+    section
+}
+
 /// The report of a diagnosis; `rig_toml` is the fitted rig's file.
 pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Report {
     let diagnosis = &diagnosed.diagnosis;
@@ -286,32 +317,6 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
             .plots
             .extend(pairs.map(|(b, a)| against(block.block, b, a)));
     }
-    let marks = diagnosis.effects.iter().map(|effect| {
-        let evidence = &effect.evidence;
-        format!(
-            "{} ({}): {} Without it the cost is {:.0}, with it {:.0}. {}",
-            effect.name,
-            effect.place,
-            evidence.mark,
-            evidence.cost_without,
-            evidence.cost,
-            evidence.source
-        )
-    });
-    let others = diagnosis
-        .effects
-        .iter()
-        .flat_map(|effect| &effect.alternatives);
-    let others = others.filter_map(|name| effects::find(name));
-    let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.mark));
-    let mut effects = Section {
-        heading: "What is missing".into(),
-        text: marks.chain(others).collect(),
-        ..Section::default()
-    };
-    if !diagnosis.effects.is_empty() {
-        effects.tables.push(effect_table(diagnosis));
-    }
     let stages = diagnosis
         .stages
         .iter()
@@ -322,7 +327,7 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
         verdict: sentences(diagnosis),
         sections: vec![
             gap,
-            effects,
+            missing(diagnosis),
             where_it_lives,
             Section {
                 heading: "What was tried".into(),

@@ -10,7 +10,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "payload",
     block: "load",
     mark: "Weight and inertia change together: the equilibrium and the natural frequency.",
-    experiment: "the same triangles with a known weight added; equilibrium and natural frequency move \
+    experiment: "the same triangles with a known weight added; equilibrium and natural frequency \
+                 move \
                  together.",
     forms: &[Form {
         name: "mass",
