@@ -300,10 +300,15 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
             };
             (parameter.name, estimate)
         });
+        let kept: Vec<usize> = taken
+            .candidates
+            .iter()
+            .copied()
+            .filter(|c| c != candidate)
+            .collect();
         let others = |h: &&Hypothesis| {
-            let mut own = h.candidates.iter();
-            let kept = taken.candidates.iter().filter(|c| *c != candidate);
-            own.all(|c| all[*c].effect != effect) && h.candidates.len() == kept.count()
+            let keeps = |c: &usize| kept.iter().any(|kept| all[*kept].effect == all[*c].effect);
+            h.candidates.len() == kept.len() && h.candidates.iter().all(keeps)
         };
         let without = choice.tried.iter().find(others).unwrap_or(&choice.null);
         Some(Named {

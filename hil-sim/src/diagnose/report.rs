@@ -145,21 +145,31 @@ fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> 
         if nominal == was && fitted == was {
             return None;
         }
-        Some(Plot {
-            title: format!("Validation record {number}: {label}"),
+        let plot = |title: String, series: Vec<Series>| Plot {
+            title,
             caption: String::new(),
             x: Axis::new("time", "s", 1.0),
             y: Axis::new(label, unit, factor),
-            series: vec![
-                Series::thinned("measured", time_s, was),
-                Series::thinned("nominal rig", time_s, nominal).dashed(),
-                Series::thinned("fitted rig", time_s, fitted).dashed(),
-            ],
+            series,
             markers: Vec::new(),
             sync: Some(format!("validation {number}")),
-        })
+        };
+        let gap = |name: &str, is: &[f64]| {
+            let gap: Vec<f64> = is.iter().zip(was).map(|(is, was)| is - was).collect();
+            Series::thinned(name, time_s, &gap)
+        };
+        let lines = vec![
+            Series::thinned("measured", time_s, was),
+            Series::thinned("nominal rig", time_s, nominal).dashed(),
+            Series::thinned("fitted rig", time_s, fitted).dashed(),
+        ];
+        let gaps = vec![gap("nominal rig", nominal), gap("fitted rig", fitted)];
+        Some([
+            plot(format!("Validation record {number}: {label}"), lines),
+            plot(format!("Its gap in {label}, simulated − measured"), gaps),
+        ])
     };
-    SIGNALS.iter().filter_map(plot).collect()
+    SIGNALS.iter().filter_map(plot).flatten().collect()
 }
 
 /// Mean square residual of a block against a coordinate.
