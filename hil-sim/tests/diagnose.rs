@@ -228,3 +228,53 @@ fn the_number_of_threads_changes_nothing() {
     assert_eq!(one["verdict"], "consistent");
     assert_eq!(one, diagnosis("2"));
 }
+
+/// docs/diagnosis.md, as a newcomer types it; only `out/` is elsewhere.
+#[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "builds and runs what is optimised: `cargo test --release --test diagnose`"
+)]
+fn the_tutorial_finds_what_it_says() {
+    let tutorial = include_str!("../../docs/diagnosis.md");
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().display().to_string();
+    let lines = tutorial
+        .lines()
+        .filter_map(|line| line.strip_prefix("    "));
+    let script: Vec<String> = lines
+        .map(|line| line.replace(" out/", &format!(" {out}/")))
+        .collect();
+    assert_eq!(script.join("\n").matches("cargo run --release").count(), 3);
+    let output = Command::new("sh")
+        .current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+        .args(["-e", "-c", &script.join("\n")])
+        .output()
+        .expect("a shell");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{message}");
+    let printed = String::from_utf8(output.stdout).expect("text");
+    for quoted in tutorial.lines().filter_map(|line| line.strip_prefix("> ")) {
+        assert!(printed.contains(quoted), "{printed}");
+    }
+    let read = |name: &str| -> Value {
+        let text = std::fs::read_to_string(folder.path().join(name)).expect("a file");
+        serde_json::from_str(&text).expect("JSON")
+    };
+    let found = read("diagnosis/diagnosis.json");
+    let verdict = format!("\"verdict\": {}", found["verdict"]);
+    assert!(tutorial.contains(&verdict), "{verdict}");
+    let effects = found["effects"].as_array().expect("effects");
+    assert_eq!(effects.len(), 1);
+    assert_eq!(effects[0]["name"], "leak");
+    // The interval that it finds holds what is hidden.
+    let name = "conductance_kg_per_pa_s";
+    let answer = read("hidden/answers/s1-00030.json");
+    let hidden = answer["effects"][0]["standard"][name].as_f64();
+    let ci95 = &effects[0]["parameters"][name]["ci95"];
+    assert!(
+        ci95[0].as_f64() <= hidden && hidden <= ci95[1].as_f64(),
+        "{ci95}"
+    );
+    assert!(folder.path().join("unseen.csv").exists());
+}
