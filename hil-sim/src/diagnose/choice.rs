@@ -5,7 +5,7 @@
 //! needed: without it much of what is then left would be explained by nothing else. What the set
 //! leaves decides whether it is named at all.
 
-use super::engine::{Engine, Fit, Hypothesis, Model};
+use super::engine::{Active, Engine, Fit, Hypothesis, Model};
 use rayon::prelude::*;
 
 /// Names that lead over all, and over each block alone.
@@ -28,6 +28,8 @@ const PROMISE: f64 = 10.0;
 const GAIN_PARAMETER: f64 = 4.0;
 /// Share of what is left without an effect that the effect must explain.
 const SHARE_OF_MEMBER: f64 = 0.4;
+/// A size is none below this share of the usual one.
+const NOTHING: f64 = 1e-6;
 /// Share of all that is gained that a member must gain: an effect in another form than its own
 /// leaves something that a second one could take up.
 const SHARE_OF_ALL: f64 = 0.04;
@@ -254,6 +256,18 @@ impl<M: Model> Search<'_, '_, M> {
         variants
     }
 
+    /// Whether every size of an effect is at the bound where it does nothing.
+    fn vanishes(&self, (candidate, values): &Active) -> bool {
+        let parameters = &self.engine.model.candidates()[*candidate].parameters;
+        let sizes = || {
+            parameters
+                .iter()
+                .zip(values)
+                .filter(|(p, _)| !p.log && p.range.0 == 0.0)
+        };
+        sizes().next().is_some() && sizes().all(|(p, value)| *value < NOTHING * p.usual)
+    }
+
     /// Whether each member of `hypothesis` is needed.
     fn needed(&self, hypothesis: &Hypothesis) -> bool {
         let names: Vec<&str> = hypothesis
@@ -266,6 +280,14 @@ impl<M: Model> Search<'_, '_, M> {
         }
         let own = self.score(hypothesis);
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        if hypothesis
+            .fit
+            .effects
+            .iter()
+            .any(|active| self.vanishes(active))
+        {
+            return false;
+        }
         // What makes the free motion worse than nothing does is no explanation.
         let worse =
             |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
@@ -293,7 +315,13 @@ impl<M: Model> Search<'_, '_, M> {
                 .iter()
                 .map(|block| excess_of(&without.fit, *block))
                 .sum();
-            if gain < GAIN.max(SHARE_OF_MEMBER * left).max(SHARE_OF_ALL * gained) {
+            // Only what is fitted to the same residuals takes up what another's form leaves.
+            let beside = others.iter().any(|other| {
+                let theirs = &self.engine.model.candidates()[*other].blocks;
+                theirs.iter().any(|block| blocks.contains(block))
+            });
+            let of_all = if beside { SHARE_OF_ALL * gained } else { 0.0 };
+            if gain < GAIN.max(SHARE_OF_MEMBER * left).max(of_all) {
                 return false;
             }
         }
