@@ -328,7 +328,6 @@ fn two_hidden_effects_are_both_named() {
 }
 
 #[test]
-#[ignore = "a member must gain 4 % of what all gain, also where the others are in other blocks"]
 fn a_small_effect_beside_a_large_one_is_named() {
     let [leak, overflow, ..] = HIDDEN;
     assert_named([leak, overflow]);
