@@ -175,7 +175,9 @@ fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
 fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
-        ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE],
+        ("contraction-sensor-offset", _) => &[GAS, FORCE],
+        // The volume hardly knows; its rate at each turn would only blur.
+        ("backlash", _) => &[FORCE, LOAD],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
@@ -738,7 +740,7 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     rig.load = Load::Prescribed;
     let inputs = record.gas.as_ref()?;
     let measured = inputs.column(PRESSURE_PA)?;
-    let read = run(&rig, &record.unplayed(play(&rig), inputs, None))?;
+    let read = run(&rig, inputs)?;
     let residual =
         |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
     Some(record.gas_rows.iter().map(residual).collect())
