@@ -5,7 +5,7 @@
 //! needed: without it much of what is then left would be explained by nothing else. What the set
 //! leaves decides whether it is named at all.
 
-use super::engine::{Active, Engine, Fit, Hypothesis, Model};
+use super::engine::{Active, Engine, Fit, Hypothesis, Model, Tally};
 use rayon::prelude::*;
 
 /// Names that lead over all, and over each block alone.
@@ -72,8 +72,8 @@ pub struct Choice {
 fn excess_of(fit: &Fit, block: usize) -> f64 {
     let parts = fit.parts.iter().filter(|part| part.block == block);
     let excess = parts.map(|part| {
-        let count = part.fitted.count + part.predicted.count;
-        part.fitted.cost + part.predicted.cost - 0.5 * NOISE_ONLY * count as f64
+        let Tally { cost, count } = part.total();
+        cost - 0.5 * NOISE_ONLY * count as f64
     });
     excess.sum::<f64>().max(0.0)
 }
@@ -116,10 +116,9 @@ impl<M: Model> Search<'_, '_, M> {
 
     fn sort(&mut self) {
         let mut tried = std::mem::take(&mut self.tried);
-        let key = |h: &Hypothesis| (self.score(h), h.candidates.clone());
         tried.sort_by(|a, b| {
-            let (a, b) = (key(a), key(b));
-            a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
+            let by_score = self.score(a).total_cmp(&self.score(b));
+            by_score.then_with(|| a.candidates.cmp(&b.candidates))
         });
         self.tried = tried;
     }

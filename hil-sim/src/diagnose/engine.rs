@@ -80,9 +80,8 @@ pub trait Model: Sync {
     /// The effects that may be missing.
     fn candidates(&self) -> &[Candidate];
     /// Residuals of a block over a record, in units of their noise; `nominal` in standard
-    /// deviations
-    /// of its prior. Their number does not depend on `nominal` and `effects`. `None` where the
-    /// model has no solution.
+    /// deviations of its prior. Their number does not depend on `nominal` and `effects`. `None`
+    /// where the model has no solution.
     fn residuals(
         &self,
         record: usize,
@@ -118,6 +117,15 @@ pub struct Part {
     pub fitted: Tally,
     /// Over the others.
     pub predicted: Tally,
+}
+
+impl Part {
+    /// Over all records.
+    pub fn total(&self) -> Tally {
+        let mut total = self.fitted;
+        total += self.predicted;
+        total
+    }
 }
 
 /// A fit of some blocks.
@@ -174,10 +182,7 @@ impl Fit {
 
     /// Cost of what was fitted, predicted and run freely, priors included.
     pub fn score(&self) -> f64 {
-        let parts = self
-            .parts
-            .iter()
-            .map(|part| part.fitted.cost + part.predicted.cost);
+        let parts = self.parts.iter().map(|part| part.total().cost);
         self.prior + self.free_run + parts.sum::<f64>()
     }
 }

@@ -17,7 +17,7 @@ use crate::record::Record;
 use crate::rig::Rig;
 use crate::simulate::{simulate, simulated};
 use choice::{Choice, Step, Verdict, choose};
-use engine::{Engine, Hypothesis, Model};
+use engine::{Engine, Hypothesis, Model, Part, Tally};
 use left::{Profile, profiles, when};
 use muscle::MuscleModel;
 use rayon::prelude::*;
@@ -351,12 +351,9 @@ fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
 
 fn blocks(model: &MuscleModel, null: &Hypothesis, taken: &Hypothesis) -> Vec<BlockOf> {
     let mean = |h: &Hypothesis, block: usize| {
-        let (mut cost, mut count) = (0.0, 0);
-        for part in h.fit.parts.iter().filter(|part| part.block == block) {
-            cost += 2.0 * (part.fitted.cost + part.predicted.cost);
-            count += part.fitted.count + part.predicted.count;
-        }
-        cost / count.max(1) as f64
+        let part = h.fit.parts.iter().find(|part| part.block == block);
+        let Tally { cost, count } = part.map(Part::total).unwrap_or_default();
+        2.0 * cost / count.max(1) as f64
     };
     let of = |(block, name): (usize, &&'static str)| BlockOf {
         block: name,
