@@ -144,7 +144,6 @@ fn catalogue() -> Vec<Candidate> {
     let candidate = |effect, block: usize, unit, range, usual, log| Candidate {
         effect,
         form: "only",
-        place: BLOCKS[block],
         parameters: vec![Parameter {
             name: "size",
             unit,

@@ -45,8 +45,6 @@ pub struct Candidate {
     pub effect: &'static str,
     /// The form's name.
     pub form: &'static str,
-    /// Where the effect belongs.
-    pub place: &'static str,
     /// What is fitted.
     pub parameters: Vec<Parameter>,
     /// The blocks whose residuals it changes.
@@ -218,7 +216,24 @@ struct Problem<'a, M> {
     at: Option<Vec<Vec<f64>>>,
 }
 
-impl<M: Model> Problem<'_, M> {
+impl<'a, M: Model> Problem<'a, M> {
+    fn new(
+        model: &'a M,
+        blocks: &'a [usize],
+        free: &'a [usize],
+        candidates: &'a [usize],
+    ) -> Problem<'a, M> {
+        Problem {
+            model,
+            blocks,
+            free,
+            candidates,
+            held: false,
+            x: DVector::zeros(0),
+            at: None,
+        }
+    }
+
     fn nominal(&self, x: &DVector<f64>) -> Vec<f64> {
         let mut nominal = vec![0.0; self.model.nominal_blocks().len()];
         for (place, free) in self.free.iter().enumerate() {
@@ -502,15 +517,8 @@ impl<'a, M: Model> Engine<'a, M> {
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let free = self.free(blocks);
         let all = self.model.candidates();
-        let mut problem = Problem {
-            model: self.model,
-            blocks,
-            free: &free,
-            candidates,
-            held: !candidates.is_empty(),
-            x: DVector::zeros(0),
-            at: None,
-        };
+        let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        problem.held = !candidates.is_empty();
         let starts = match candidates {
             [] => vec![Vec::new()],
             [alone] => starts(&all[*alone].parameters),
@@ -615,15 +623,7 @@ impl<'a, M: Model> Engine<'a, M> {
             });
             let nominal = free.iter().map(|n| hypothesis.fit.nominal[*n]);
             let x: Vec<f64> = nominal.chain(coordinates).collect();
-            let problem = Problem {
-                model: self.model,
-                blocks: &blocks,
-                free: &free,
-                candidates: &touching,
-                held: false,
-                x: DVector::zeros(0),
-                at: None,
-            };
+            let problem = Problem::new(self.model, &blocks, &free, &touching);
             let problem = problem.minimized(&DVector::from_vec(x), TIGHT);
             let x = problem.x.clone();
             joint.join(problem.minimized(&x, TIGHT).into_fit()?);
@@ -644,16 +644,8 @@ impl<'a, M: Model> Engine<'a, M> {
         let own = hypothesis.fit.coordinates.iter().flatten();
         let nominal = free.iter().map(|n| &hypothesis.fit.nominal[*n]);
         let x: Vec<f64> = nominal.chain(own).copied().collect();
-        let mut problem = Problem {
-            model: self.model,
-            blocks: &blocks,
-            free: &free,
-            candidates: &hypothesis.candidates,
-            held: false,
-            x: DVector::from_vec(x),
-            at: None,
-        };
-        problem.evaluate();
+        let mut problem = Problem::new(self.model, &blocks, &free, &hypothesis.candidates);
+        problem.set_params(&DVector::from_vec(x));
         let residuals = problem.residuals()?;
         let jacobian = problem.jacobian()?;
         let bread = (jacobian.transpose() * &jacobian).try_inverse()?;
@@ -698,19 +690,10 @@ impl<'a, M: Model> Engine<'a, M> {
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let blocks: Vec<usize> = (0..self.model.blocks().len()).collect();
         let free: Vec<usize> = (0..self.model.nominal_blocks().len()).collect();
-        let mut problem = Problem {
-            model: self.model,
-            blocks: &blocks,
-            free: &free,
-            candidates: &base.candidates,
-            held: false,
-            x: {
-                let own = base.fit.coordinates.iter().flatten();
-                DVector::from_vec(base.fit.nominal.iter().chain(own).copied().collect())
-            },
-            at: None,
-        };
-        problem.evaluate();
+        let own = base.fit.coordinates.iter().flatten();
+        let x: Vec<f64> = base.fit.nominal.iter().chain(own).copied().collect();
+        let mut problem = Problem::new(self.model, &blocks, &free, &base.candidates);
+        problem.set_params(&DVector::from_vec(x));
         let at = problem.at.as_ref()?;
         let residuals = problem.residuals()?;
         let jacobian = problem.jacobian()?;

@@ -237,7 +237,6 @@ impl MuscleModel {
         let candidates = forms.map(|(kind, form)| Candidate {
             effect: kind.name,
             form: form.name,
-            place: kind.block,
             parameters: form
                 .parameters
                 .iter()
