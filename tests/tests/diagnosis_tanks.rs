@@ -6,6 +6,7 @@
 
 use hil_sim::diagnose::choice::{Choice, Verdict, choose};
 use hil_sim::diagnose::engine::{Active, Candidate, Coordinate, Engine, Model, Parameter};
+use hil_sim::diagnose::least_squares::Residuals;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
@@ -202,7 +203,7 @@ impl Model for TankModel {
         block: usize,
         nominal: &[f64],
         effects: &[Active],
-    ) -> Option<Vec<f64>> {
+    ) -> Option<Residuals> {
         let mut tanks = Tanks::new(nominal);
         for (candidate, values) in effects {
             tanks = tanks.with(self.candidates[*candidate].effect, values[0]);
@@ -225,7 +226,11 @@ impl Model for TankModel {
                 level[0] = level[0].min(tanks.overflow_m);
             }
         }
-        Some(residuals)
+        Some(Residuals::exact(residuals))
+    }
+
+    fn rows(&self, _: usize, _: usize) -> usize {
+        ROWS
     }
 
     fn proportional(&self, block: usize) -> bool {
@@ -256,7 +261,7 @@ fn names(model: &TankModel, choice: &Choice) -> Vec<&'static str> {
 }
 
 fn chosen(model: &TankModel) -> Choice {
-    choose(&Engine::new(model), |_| ()).expect("a model with a solution")
+    choose(&Engine::new(model), &|_| ()).expect("a model with a solution")
 }
 
 /// Sizes that show: 6 to 30 times the noise, or a limit that is met.
@@ -289,7 +294,7 @@ fn a_hidden_effect_is_named_with_its_size() {
             let tanks = Tanks::new(&TRUE).with(effect, size);
             let model = TankModel::new(&tanks, seed, &[]);
             let engine = Engine::new(&model);
-            let choice = choose(&engine, |_| ()).expect("a model with a solution");
+            let choice = choose(&engine, &|_| ()).expect("a model with a solution");
             let shares = (choice.verdict, choice.share);
             assert_eq!(names(&model, &choice), [effect], "seed {seed}: {shares:?}");
             let others = &choice.alternatives[0];

@@ -2,12 +2,14 @@
 
 use super::Progress;
 use crate::Failure;
+use hil_sim::diagnose::choice::Step;
 use hil_sim::diagnose::{diagnose, report};
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
 /// Find where simulation and measurement disagree, and name the effect that is missing
 ///
@@ -76,9 +78,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .build()
         .map_err(|error| BadInput::file("--threads", error.to_string()))?;
     let diagnosed = {
-        let progress = Progress::new("diagnosing", 3);
-        let step = |_| progress.step();
-        pool.install(|| diagnose(&rig, &fit, &validate, &args.without, step))?
+        let progress = Progress::new("diagnosing", 1);
+        let stage = Mutex::new("");
+        let watch = |step| match step {
+            Step::Stage(name, sets) => {
+                *stage.lock().unwrap_or_else(PoisonError::into_inner) = name;
+                progress.stage(name, sets as u64);
+            }
+            Step::Try(names) => {
+                let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
+                progress.say(format!("{stage}: {}", names.join(" + ")));
+                progress.step();
+            }
+        };
+        pool.install(|| diagnose(&rig, &fit, &validate, &args.without, &watch))?
     };
     let rewritten = diagnosed.fitted.rewritten(&text);
     let rewritten = rewritten.map_err(|error| rig.bad_file(&error.to_string()))?;

@@ -165,6 +165,17 @@ impl Progress {
     fn step(&self) {
         self.0.inc(1);
     }
+
+    /// Another stage begins, of `length`.
+    fn stage(&self, doing: &'static str, length: u64) {
+        self.0.set_length(length);
+        self.0.set_position(0);
+        self.0.set_message(doing);
+    }
+
+    fn say(&self, doing: String) {
+        self.0.set_message(doing);
+    }
 }
 
 impl Drop for Progress {

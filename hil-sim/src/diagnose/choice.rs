@@ -5,25 +5,28 @@
 //! needed: without it much of what is then left would be explained by nothing else. What the set
 //! leaves decides whether it is named at all.
 
-use super::engine::{Active, Engine, Fit, Hypothesis, Model, Tally};
+use super::engine::{Active, Engine, Fit, Hypothesis, Model, Part, Tally};
 use rayon::prelude::*;
 
 /// Names that lead over all, and over each block alone.
-const LEADERS: [usize; 2] = [3, 2];
+const LEADERS: [usize; 2] = [2, 2];
 /// Names that are tried beside a leader.
-const FOLLOWERS: usize = 4;
+const FOLLOWERS: usize = 3;
 /// Leading sets of which every form is tried.
 const VARIED: usize = 2;
 /// Leading sets whose fit is made exact.
 const POLISHED: usize = 4;
-/// Effects that are named together at most.
+/// Effects that are named together at most, and what it is to try so many.
 const MEMBERS: usize = 3;
+const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
 /// Mean square of residuals, tamed, up to which a block is as good as its noise.
 const NOISE_ONLY: f64 = 1.3;
 /// Gain in cost that noise alone does not give.
 const GAIN: f64 = 24.0;
 /// Promised gain that is worth a fit where nothing is above the noise.
 const PROMISE: f64 = 10.0;
+/// Share of what another effect on the same block promises that is worth a fit.
+const SHARE_OF_PROMISE: f64 = 0.03;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
 /// Share of what is left without an effect that the effect must explain.
@@ -32,9 +35,16 @@ const SHARE_OF_MEMBER: f64 = 0.4;
 const NOTHING: f64 = 1e-6;
 /// Share of all that is gained that a member must gain: an effect in another form than its own
 /// leaves something that a second one could take up.
-const SHARE_OF_ALL: f64 = 0.04;
+const SHARE_OF_ALL: f64 = 0.06;
+/// Share of its blocks' noise that a member must gain: the noise, and how the model is solved, are
+/// not known better.
+const SHARE_OF_NOISE: f64 = 0.02;
+/// What nominal values may cost beside what is gained.
+const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
+/// Share of what is above the noise that may be left before three effects are tried together.
+const SHARE_LEFT: f64 = 0.15;
 /// Names whose sets cost less than this more, beside what is left, cannot be told apart.
 const MARGIN: f64 = 12.0;
 
@@ -83,17 +93,21 @@ fn excess(fit: &Fit) -> f64 {
     blocks.sum::<f64>()
 }
 
-/// What one step of the search is doing.
-#[derive(Clone, Copy, Debug)]
-pub struct Step {
-    /// How many effects are tried together.
-    pub members: usize,
-    /// How many sets are tried.
-    pub sets: usize,
+/// What is being done.
+#[derive(Clone, Debug)]
+pub enum Step {
+    /// A stage begins, in which so many sets of effects are tried, if any.
+    Stage(&'static str, usize),
+    /// A set of effects is tried.
+    Try(Vec<&'static str>),
 }
+
+/// Is told what is being done, from any thread.
+pub type Watch<'a> = &'a (dyn Fn(Step) + Sync);
 
 struct Search<'a, 'b, M> {
     engine: &'b Engine<'a, M>,
+    watch: Watch<'b>,
     /// All that was tried.
     tried: Vec<Hypothesis>,
 }
@@ -130,7 +144,10 @@ impl<M: Model> Search<'_, '_, M> {
         };
         let fitted: Vec<Hypothesis> = sets
             .par_iter()
-            .filter_map(|set| self.engine.hypothesis(set))
+            .filter_map(|set| {
+                (self.watch)(Step::Try(set.iter().map(|c| self.name(*c)).collect()));
+                self.engine.hypothesis(set)
+            })
             .collect();
         self.tried.extend(fitted);
         self.sort();
@@ -219,7 +236,10 @@ impl<M: Model> Search<'_, '_, M> {
                 let certain = blocks
                     .iter()
                     .all(|block| self.engine.model.proportional(*block));
-                !leader.contains(candidate) && (promises[*candidate] > PROMISE || !certain)
+                let new = !leader
+                    .iter()
+                    .any(|own| self.name(*own) == self.name(*candidate));
+                new && (promises[*candidate] > PROMISE || !certain)
             });
             let followers = order.into_iter().map(|candidate| vec![candidate]);
             for follower in self.distinct(followers, FOLLOWERS) {
@@ -288,43 +308,61 @@ impl<M: Model> Search<'_, '_, M> {
             return false;
         }
         // What makes the free motion worse than nothing does is no explanation.
-        let worse =
-            |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
+        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN;
         if null.is_some_and(worse) {
             return false;
         }
-        let gained = null.map_or(0.0, |null| self.score(null) - own);
-        for (place, candidate) in hypothesis.candidates.iter().enumerate() {
+        // Nor what takes the rig for another one.
+        let far = |null: &Hypothesis| {
+            let gained = self.score(null) - own;
+            hypothesis.fit.prior > GAIN + SHARE_OF_PRIOR * gained
+        };
+        if null.is_some_and(far) {
+            return false;
+        }
+        (0..hypothesis.candidates.len()).all(|place| {
             let mut others = hypothesis.candidates.clone();
             others.remove(place);
             // In place of the member, another form of the effects that remain may do.
+            let kept = |c: &usize| {
+                others
+                    .iter()
+                    .any(|other| self.name(*other) == self.name(*c))
+            };
             let keeps = |h: &&Hypothesis| {
-                let names_kept = h.candidates.iter().all(|c| {
-                    others
-                        .iter()
-                        .any(|other| self.name(*other) == self.name(*c))
-                });
-                names_kept && h.candidates.len() <= hypothesis.candidates.len()
+                h.candidates.iter().all(kept) && h.candidates.len() <= hypothesis.candidates.len()
             };
             let without = self.tried.iter().find(keeps);
-            let Some(without) = without else { return false };
-            let gain = self.score(without) - own;
-            let blocks = &self.engine.model.candidates()[*candidate].blocks;
-            let left: f64 = blocks
-                .iter()
-                .map(|block| excess_of(&without.fit, *block))
-                .sum();
-            // Only what is fitted to the same residuals takes up what another's form leaves.
-            let beside = others.iter().any(|other| {
-                let theirs = &self.engine.model.candidates()[*other].blocks;
-                theirs.iter().any(|block| blocks.contains(block))
+            without.is_some_and(|without| {
+                self.score(without) - own >= self.asked(hypothesis, place, without)
+            })
+        })
+    }
+
+    /// What the member at `place` of `hypothesis` must gain over what is `without` it.
+    fn asked(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> f64 {
+        let all = self.engine.model.candidates();
+        let blocks = &all[hypothesis.candidates[place]].blocks;
+        let own = |part: &&Part| blocks.contains(&part.block);
+        let left = blocks.iter().map(|block| excess_of(&without.fit, *block));
+        let parts = || hypothesis.fit.parts.iter().filter(own);
+        let count: usize = parts().map(|part| part.total().count).sum();
+        // Only what is fitted to the same residuals takes up what another's form leaves.
+        let beside = |block: usize| {
+            let mut others = hypothesis.candidates.iter().enumerate();
+            others.any(|(other, c)| other != place && all[*c].blocks.contains(&block))
+        };
+        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let gained = parts().filter(|part| beside(part.block)).map(|part| {
+            let before = null.and_then(|null| {
+                let mut parts = null.fit.parts.iter();
+                parts.find(|of_null| of_null.block == part.block)
             });
-            let of_all = if beside { SHARE_OF_ALL * gained } else { 0.0 };
-            if gain < GAIN.max(SHARE_OF_MEMBER * left).max(of_all) {
-                return false;
-            }
-        }
-        true
+            before.map_or(0.0, |before| before.total().cost - part.total().cost)
+        });
+        GAIN.max(SHARE_OF_MEMBER * left.sum::<f64>())
+            .max(SHARE_OF_ALL * gained.sum::<f64>())
+            .max(SHARE_OF_NOISE * 0.5 * count as f64)
     }
 
     /// Other effects that would do as well as a member of `best`.
@@ -365,37 +403,48 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Tries effects alone, then what leads among them together.
-    fn run(&mut self, null: &Hypothesis, step: impl Fn(Step)) -> Option<()> {
+    fn run(&mut self, null: &Hypothesis) -> Option<()> {
         // Where a block is as good as its noise, what does not even promise to be seen is not
         // fitted.
         let promises = self.engine.promises(null)?;
         let worth = |candidate: &usize| {
-            let blocks = &self.engine.model.candidates()[*candidate].blocks;
-            let open = |block: &usize| {
-                excess_of(&null.fit, *block) > 0.0 || !self.engine.model.proportional(*block)
-            };
-            blocks.iter().any(open) || promises[*candidate] > PROMISE
+            let all = self.engine.model.candidates();
+            let blocks = &all[*candidate].blocks;
+            let rivals =
+                (0..all.len()).filter(|c| all[*c].blocks.iter().any(|b| blocks.contains(b)));
+            let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
+            let unsure = |block: &usize| !self.engine.model.proportional(*block);
+            promises[*candidate] > PROMISE.max(SHARE_OF_PROMISE * most) || blocks.iter().all(unsure)
         };
         let candidates = (0..self.engine.model.candidates().len()).filter(worth);
         let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
         for members in 1..=MEMBERS {
-            step(Step {
-                members,
-                sets: sets.len(),
-            });
+            (self.watch)(Step::Stage(STAGES[members - 1], sets.len()));
             self.try_all(&sets);
             if members > 1 {
                 let variants = self.variants(members);
-                step(Step {
-                    members,
-                    sets: variants.len(),
-                });
+                (self.watch)(Step::Stage("effects in other forms", variants.len()));
                 self.try_all(&variants);
             }
-            let found = self.taken().map_or(0, |best| best.candidates.len());
+            let taken = self.taken();
+            let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.
             if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
                 break;
+            }
+            // Where little is left, a third is not asked for, and a second only if it promises more
+            // than noise gives.
+            if let Some(taken) = taken {
+                let left = excess(&taken.fit);
+                let enough = if found > 1 {
+                    left < GAIN.max(SHARE_LEFT * excess(&null.fit))
+                } else {
+                    let promises = self.engine.promises(&taken)?;
+                    left < GAIN && promises.iter().all(|promise| *promise < GAIN)
+                };
+                if enough {
+                    break;
+                }
             }
             let leaders = self.leaders(null, members);
             sets = self.joined(&leaders);
@@ -407,16 +456,18 @@ impl<M: Model> Search<'_, '_, M> {
     }
 }
 
-/// Chooses; `step` is told what is tried. `None` where the model has no solution at all.
-pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choice> {
+/// Chooses. `None` where the model has no solution at all.
+pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
+    watch(Step::Stage("without effects", 0));
     let null = engine
         .hypothesis(&[])
         .map(|null| engine.polished(&null).unwrap_or(null))?;
     let mut search = Search {
         engine,
+        watch,
         tried: vec![null.clone()],
     };
-    search.run(&null, step)?;
+    search.run(&null)?;
     let best = search.taken().unwrap_or_else(|| null.clone());
     let above = excess(&null.fit);
     let share = if above > 0.0 {

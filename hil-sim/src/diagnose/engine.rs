@@ -5,10 +5,12 @@
 //! fit moves nominal values within their priors and the parameters of some candidates. Blocks that
 //! no candidate ties together are fitted apart, and what was fitted once is kept.
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use super::least_squares::{
+    Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, loss, minimize, weight,
+};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Mutex;
 
 /// One parameter of a candidate.
@@ -35,6 +37,19 @@ impl Parameter {
             self.usual * x
         };
         value.clamp(self.range.0, self.range.1)
+    }
+
+    /// The least and the largest coordinate.
+    fn reach(&self) -> (f64, f64) {
+        let of = |value: f64| {
+            if self.log {
+                1.0 + (value / self.usual).ln().max(-50.0)
+            } else {
+                value / self.usual
+            }
+        };
+        let (a, b) = (of(self.range.0), of(self.range.1));
+        (a.min(b), a.max(b))
     }
 }
 
@@ -86,7 +101,9 @@ pub trait Model: Sync {
         block: usize,
         nominal: &[f64],
         effects: &[Active],
-    ) -> Option<Vec<f64>>;
+    ) -> Option<Residuals>;
+    /// How many residuals a block has over a record.
+    fn rows(&self, record: usize, block: usize) -> usize;
     /// Whether residuals of a block change about in proportion to a small effect, so that what a
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
@@ -187,19 +204,34 @@ impl Fit {
 
 /// How far the prior of a parameter lets it go: its coordinate is 1 ± this.
 const EFFECT_PRIOR: f64 = 5.0;
-/// Residuals beyond this many standard deviations count less.
-const OUTLIER: f64 = 4.0;
 /// Step of the difference quotients.
 const STEP: f64 = 1e-3;
-/// A parameter that is fitted by its logarithm is started at its usual size, and this many times
-/// above and below.
+/// A parameter that is fitted by its logarithm is started at its usual size, and up to this many
+/// times above and below.
 const START_FACTOR: f64 = 4.0;
-/// Starts that are followed.
+/// Starts of an effect that are followed.
 const STARTS: usize = 2;
-/// Relative changes of cost and parameters below which a fit ends, and evaluations it may take: for
-/// a comparison, and for a result.
-const LOOSE: (f64, f64, usize) = (3e-4, 1e-3, 36);
-const TIGHT: (f64, f64, usize) = (1e-6, 1e-4, 60);
+/// For a place to begin.
+const ROUGH: Goal = Goal {
+    relative: 1e-2,
+    absolute: 2.0,
+    evaluations: 12,
+};
+/// For a comparison.
+const LOOSE: Goal = Goal {
+    relative: 1e-3,
+    absolute: 0.5,
+    evaluations: 40,
+};
+/// For a result.
+const TIGHT: Goal = Goal {
+    relative: 1e-6,
+    absolute: 0.01,
+    evaluations: 80,
+};
+/// How often the slopes with nominal values serve on the way to a comparison: they are most of the
+/// work, and hardly change.
+const REUSES: usize = 3;
 /// Stretches of time into which a record is cut for the scatter of its residuals.
 const CLUSTERS: usize = 20;
 
@@ -211,9 +243,10 @@ struct Problem<'a, M> {
     candidates: &'a [usize],
     /// The nominal values are held for now.
     held: bool,
-    x: DVector<f64>,
-    /// The residuals at `x`, block by block of each record.
-    at: Option<Vec<Vec<f64>>>,
+    /// How often slopes with the nominal values may serve.
+    reuses: usize,
+    /// The slopes with the nominal values, and how often they still may.
+    kept: (usize, Option<Slopes>),
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -229,8 +262,8 @@ impl<'a, M: Model> Problem<'a, M> {
             free,
             candidates,
             held: false,
-            x: DVector::zeros(0),
-            at: None,
+            reuses: 1,
+            kept: (0, None),
         }
     }
 
@@ -240,6 +273,14 @@ impl<'a, M: Model> Problem<'a, M> {
             nominal[*free] = x[place];
         }
         nominal
+    }
+
+    fn parameters(&self) -> impl Iterator<Item = (&'a Candidate, &'a Parameter)> {
+        let all = self.model.candidates();
+        self.candidates.iter().flat_map(move |own| {
+            let parameters = all[*own].parameters.iter();
+            parameters.map(move |parameter| (&all[*own], parameter))
+        })
     }
 
     fn effects(&self, x: &DVector<f64>) -> Vec<Active> {
@@ -256,93 +297,101 @@ impl<'a, M: Model> Problem<'a, M> {
         self.candidates.iter().map(values).collect()
     }
 
-    fn pieces(&self) -> impl Iterator<Item = (usize, usize)> {
-        let records = 0..self.model.fitted();
-        records.flat_map(|record| self.blocks.iter().map(move |block| (record, *block)))
+    fn pieces(&self) -> impl Iterator<Item = (usize, usize)> + use<'a, M> {
+        let (records, blocks) = (0..self.model.fitted(), self.blocks);
+        records.flat_map(move |record| blocks.iter().map(move |block| (record, *block)))
     }
 
-    fn piece(&self, x: &DVector<f64>, (record, block): (usize, usize)) -> Option<Vec<f64>> {
+    fn piece(&self, x: &DVector<f64>, (record, block): (usize, usize)) -> Option<Residuals> {
         let (nominal, effects) = (self.nominal(x), self.effects(x));
         let residuals = self.model.residuals(record, block, &nominal, &effects)?;
-        residuals.iter().all(|r| r.is_finite()).then_some(residuals)
+        residuals.finite().then_some(residuals)
     }
 
     /// Whether coordinate `place` changes the residuals of `block`.
     fn moves(&self, place: usize, block: usize) -> bool {
-        if let Some(nominal) = self.free.get(place) {
-            return self.model.nominal_blocks()[*nominal].contains(&block);
-        }
-        let mut left = place - self.free.len();
-        for candidate in self.candidates {
-            let candidate = &self.model.candidates()[*candidate];
-            if left < candidate.parameters.len() {
-                return candidate.blocks.contains(&block);
+        match place.checked_sub(self.free.len()) {
+            None => !self.held && self.model.nominal_blocks()[self.free[place]].contains(&block),
+            Some(number) => {
+                let parameter = self.parameters().nth(number);
+                parameter.is_some_and(|(candidate, _)| candidate.blocks.contains(&block))
             }
-            left -= candidate.parameters.len();
-        }
-        false
-    }
-
-    /// The prior's residual of a coordinate, and its slope.
-    fn prior(&self, place: usize) -> (f64, f64) {
-        if place < self.free.len() {
-            (self.x[place], 1.0)
-        } else {
-            ((self.x[place] - 1.0) / EFFECT_PRIOR, 1.0 / EFFECT_PRIOR)
         }
     }
 
-    /// The problem at its minimum near `x`.
-    fn minimized(mut self, x: &DVector<f64>, (cost, step, evaluations): (f64, f64, usize)) -> Self {
-        self.set_params(x);
-        if x.is_empty() || self.at.is_none() {
-            return self;
-        }
-        let minimizer = LevenbergMarquardt::new()
-            .with_patience(1 + evaluations / x.len())
-            .with_ftol(cost)
-            .with_xtol(step);
-        let (mut found, _) = minimizer.minimize(self);
-        if found.at.is_none() {
-            found.set_params(x);
-        }
-        found
+    /// The step of the difference quotient of coordinate `place` at `x`: inwards at its end.
+    fn step(&self, x: &DVector<f64>, place: usize) -> f64 {
+        let number = place.checked_sub(self.free.len());
+        let parameter = number.and_then(|number| self.parameters().nth(number));
+        let most = parameter.map_or(f64::INFINITY, |(_, parameter)| parameter.reach().1);
+        if x[place] + STEP > most { -STEP } else { STEP }
     }
 
-    /// Cost at `x`.
-    fn cost_at(&mut self, x: &DVector<f64>) -> f64 {
-        self.set_params(x);
-        self.residuals().map_or(f64::INFINITY, |r| r.norm_squared())
+    /// Slopes with coordinates `places` at `x`, where the residuals are `base`.
+    fn columns(
+        &self,
+        x: &DVector<f64>,
+        base: &Residuals,
+        places: std::ops::Range<usize>,
+    ) -> Option<Slopes> {
+        let rows = base.values.len();
+        let mut values = DMatrix::zeros(rows, places.len());
+        let mut slack = DMatrix::zeros(rows, places.len());
+        for (column, place) in places.enumerate() {
+            let step = self.step(x, place);
+            let mut moved_x = x.clone();
+            moved_x[place] += step;
+            let mut row = 0;
+            for piece in self.pieces() {
+                if !self.moves(place, piece.1) {
+                    row += self.model.rows(piece.0, piece.1);
+                    continue;
+                }
+                let moved = self.piece(&moved_x, piece)?;
+                for (value, own) in moved.values.iter().zip(&moved.slack) {
+                    values[(row, column)] = (value - base.values[row]) / step;
+                    slack[(row, column)] = (own - base.slack[row]) / step;
+                    row += 1;
+                }
+            }
+        }
+        Some(Slopes { values, slack })
     }
 
-    /// The fit where the problem stands, with what it predicts.
-    fn into_fit(self) -> Option<Fit> {
-        let (nominal, effects) = (self.nominal(&self.x), self.effects(&self.x));
+    /// The minimum near `x`.
+    fn minimized(&mut self, x: DVector<f64>, goal: Goal, reuses: usize) -> Option<Found> {
+        self.kept = (0, None);
+        self.reuses = reuses;
+        minimize(self, x, goal)
+    }
+
+    /// The fit at `found`, with what it predicts.
+    fn fit(&self, found: &Found) -> Option<Fit> {
+        let (nominal, effects) = (self.nominal(&found.x), self.effects(&found.x));
         let part = |block: &usize| Part {
             block: *block,
             fitted: Tally::default(),
             predicted: Tally::default(),
         };
         let mut parts: Vec<Part> = self.blocks.iter().map(part).collect();
-        for ((_, block), residuals) in self.pieces().zip(self.at.as_ref()?) {
-            for part in parts.iter_mut().filter(|part| part.block == block) {
-                part.fitted += tally(residuals);
-            }
-        }
-        for record in self.model.fitted()..self.model.records() {
+        for record in 0..self.model.records() {
             for part in &mut parts {
                 let residuals = self
                     .model
                     .residuals(record, part.block, &nominal, &effects)?;
-                part.predicted += tally(&residuals);
+                if record < self.model.fitted() {
+                    part.fitted += tally(&residuals);
+                } else {
+                    part.predicted += tally(&residuals);
+                }
             }
         }
-        let priors = (0..self.x.len()).map(|place| self.prior(place).0);
-        let mut values = self.x.iter().skip(self.free.len()).copied();
+        let priors = self.priors(&found.x);
+        let mut values = found.x.iter().skip(self.free.len()).copied();
         let all = self.model.candidates();
         let own = |c: &usize| values.by_ref().take(all[*c].parameters.len()).collect();
         Some(Fit {
-            prior: 0.5 * priors.map(|r| r * r).sum::<f64>(),
+            prior: 0.5 * priors.iter().map(|(r, _)| r * r).sum::<f64>(),
             free_run: 0.0,
             coordinates: self.candidates.iter().map(own).collect(),
             nominal,
@@ -350,92 +399,55 @@ impl<'a, M: Model> Problem<'a, M> {
             parts,
         })
     }
+}
 
-    fn evaluate(&mut self) {
-        self.at = self
-            .pieces()
-            .map(|piece| self.piece(&self.x, piece))
-            .collect();
+impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
+    fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
+        let mut all = Residuals::default();
+        for piece in self.pieces() {
+            all.extend(self.piece(x, piece)?);
+        }
+        Some(all)
     }
 
-    /// How the residuals of `piece`, which are `base`, change with coordinate `place`.
-    fn column(&self, place: usize, piece: (usize, usize), base: &[f64]) -> Option<Vec<f64>> {
-        if !self.moves(place, piece.1) || (self.held && place < self.free.len()) {
-            return Some(vec![0.0; base.len()]);
+    fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes> {
+        let nominals = self.free.len();
+        let (left, kept) = std::mem::take(&mut self.kept);
+        let (left, own) = match kept {
+            Some(kept) if left > 0 => (left, kept),
+            _ => (self.reuses, self.columns(x, residuals, 0..nominals)?),
+        };
+        let slopes = own.beside(&self.columns(x, residuals, nominals..x.len())?);
+        self.kept = (left - 1, Some(own));
+        Some(slopes)
+    }
+
+    fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {
+        let nominals = self.free.len();
+        let prior = |(place, x): (usize, &f64)| match place {
+            _ if place >= nominals => ((x - 1.0) / EFFECT_PRIOR, 1.0 / EFFECT_PRIOR),
+            // Held: no step is the best.
+            _ if self.held => (0.0, 1.0),
+            _ => (*x, 1.0),
+        };
+        x.iter().enumerate().map(prior).collect()
+    }
+
+    fn bounded(&self, mut x: DVector<f64>) -> DVector<f64> {
+        let own = x.iter_mut().skip(self.free.len());
+        for (x, (_, parameter)) in own.zip(self.parameters()) {
+            let (least, most) = parameter.reach();
+            *x = x.clamp(least, most);
         }
-        let mut moved = self.x.clone();
-        moved[place] += STEP;
-        let residuals = self.piece(&moved, piece)?;
-        Some(
-            residuals
-                .iter()
-                .zip(base)
-                .map(|(a, b)| (a - b) / STEP)
-                .collect(),
-        )
+        x
     }
 }
 
-impl<M: Model> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, M> {
-    type ParameterStorage = Owned<f64, Dyn>;
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-
-    fn set_params(&mut self, x: &DVector<f64>) {
-        self.x.clone_from(x);
-        self.evaluate();
-    }
-
-    fn params(&self) -> DVector<f64> {
-        self.x.clone()
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        let pieces = self.at.as_ref()?;
-        let priors = (0..self.x.len()).map(|place| self.prior(place).0);
-        let all = pieces.iter().flatten().map(|r| tamed(*r).0).chain(priors);
-        Some(DVector::from_vec(all.collect()))
-    }
-
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let pieces = self.at.as_ref()?;
-        let size = self.x.len();
-        let rows = pieces.iter().map(Vec::len).sum::<usize>() + size;
-        let mut jacobian = DMatrix::zeros(rows, size);
-        let mut row = 0;
-        for (piece, base) in self.pieces().zip(pieces) {
-            for place in 0..size {
-                let column = self.column(place, piece, base)?;
-                for (i, change) in column.iter().enumerate() {
-                    jacobian[(row + i, place)] = change * tamed(base[i]).1;
-                }
-            }
-            row += base.len();
-        }
-        for place in 0..size {
-            jacobian[(row + place, place)] = self.prior(place).1;
-        }
-        Some(jacobian)
-    }
-}
-
-/// A residual whose square grows like the residual itself beyond [`OUTLIER`] (Huber's loss), so
-/// that
-/// the few moments that a block does not see right do not rule the fit; and its slope.
-fn tamed(residual: f64) -> (f64, f64) {
-    let size = residual.abs();
-    if size <= OUTLIER {
-        return (residual, 1.0);
-    }
-    let tame = (OUTLIER * (2.0 * size - OUTLIER)).sqrt();
-    (residual.signum() * tame, OUTLIER / tame)
-}
-
-/// Half the sum of squares of tamed residuals.
-fn tally(residuals: &[f64]) -> Tally {
+/// Cost of residuals.
+fn tally(residuals: &Residuals) -> Tally {
     Tally {
-        cost: 0.5 * residuals.iter().map(|r| tamed(*r).0.powi(2)).sum::<f64>(),
-        count: residuals.len(),
+        cost: residuals.outside().map(loss).sum(),
+        count: residuals.values.len(),
     }
 }
 
@@ -516,71 +528,86 @@ impl<'a, M: Model> Engine<'a, M> {
 
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let free = self.free(blocks);
-        let all = self.model.candidates();
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
-        problem.held = !candidates.is_empty();
-        let starts = match candidates {
-            [] => vec![Vec::new()],
-            [alone] => starts(&all[*alone].parameters),
-            several => self.starts_together(several)?,
-        };
-        // Every start is looked at, the best are followed with the effects alone: else nominal
-        // values take up what is theirs. The best of that is followed with all.
-        let mut begun: Vec<(f64, DVector<f64>)> = Vec::new();
-        let only = starts.len() <= STARTS;
-        for start in starts {
-            let x: Vec<f64> = free.iter().map(|_| 0.0).chain(start).collect();
-            let x = DVector::from_vec(x);
-            let cost = if only { 0.0 } else { problem.cost_at(&x) };
-            begun.push((cost, x));
+        if candidates.is_empty() {
+            // Every comparison is with this fit.
+            let found = problem.minimized(DVector::zeros(free.len()), TIGHT, 1)?;
+            return problem.fit(&found);
         }
-        begun.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut best: Option<(f64, DVector<f64>)> = None;
-        for (_, x) in begun.into_iter().take(STARTS) {
-            if problem.held {
-                problem = problem.minimized(&x, LOOSE);
-            } else {
-                problem.set_params(&x);
-            }
-            let Some(residuals) = problem.residuals() else {
+        // With nominal values as given, else they take up what is the effects'; and from where the
+        // others alone have put them.
+        problem.held = true;
+        let nothing = vec![0.0; free.len()];
+        let starts = self.begin(&mut problem, &nothing, candidates, None)?;
+        let held = starts.into_iter();
+        let held = held.filter_map(|x| problem.minimized(x, ROUGH, 1));
+        let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
+        let held = held.min_by(least);
+        problem.held = false;
+        let mut begun = Vec::new();
+        begun.extend(held.and_then(|held| problem.minimized(held.x, ROUGH, REUSES)));
+        for own in candidates {
+            let mut others = candidates.to_vec();
+            others.retain(|other| other != own);
+            let Some(without) = self.joined(&others) else {
                 continue;
             };
-            let cost = residuals.norm_squared();
-            if best.as_ref().is_none_or(|best| cost < best.0) {
-                best = Some((cost, problem.x.clone()));
+            let nominal: Vec<f64> = free.iter().map(|n| without.nominal[*n]).collect();
+            let starts = self.begin(&mut problem, &nominal, candidates, Some((*own, &without)))?;
+            for x in starts.into_iter().take(1) {
+                begun.extend(problem.minimized(x, ROUGH, REUSES));
             }
         }
-        problem.held = false;
-        // Every comparison is with the fit without effects.
-        let goal = if candidates.is_empty() { TIGHT } else { LOOSE };
-        problem.minimized(&best?.1, goal).into_fit()
+        let best = begun.into_iter().min_by(least)?;
+        let found = problem.minimized(best.x, LOOSE, REUSES)?;
+        problem.fit(&found)
     }
 
-    /// Where a fit of several candidates begins: where each alone has ended, unless that was
-    /// nowhere; and where each would begin alone.
-    fn starts_together(&self, candidates: &[usize]) -> Option<Vec<Vec<f64>>> {
+    /// Where a fit begins, best first: nominal values at `nominal`; a candidate alone, or that
+    /// which is not in `without`, wherever it may start; others where they have ended.
+    fn begin(
+        &self,
+        problem: &mut Problem<M>,
+        nominal: &[f64],
+        candidates: &[usize],
+        without: Option<(usize, &Fit)>,
+    ) -> Option<Vec<DVector<f64>>> {
         let all = self.model.candidates();
-        let mut together = [Vec::new(), Vec::new()];
+        let mut begun = vec![nominal.to_vec()];
         for candidate in candidates {
             let parameters = &all[*candidate].parameters;
-            let begin = starts(parameters).swap_remove(0);
-            let alone = self.joined(&[*candidate]);
-            let ended = alone.and_then(|fit| fit.coordinates.into_iter().next());
-            let somewhere = ended.filter(|ended| {
-                ended.iter().zip(parameters).all(|(x, parameter)| {
-                    let value = parameter.value(*x);
-                    parameter.range.0 < value && value < parameter.range.1
-                })
+            let new = match without {
+                Some((own, _)) => own == *candidate,
+                None => candidates.len() == 1,
+            };
+            let places = if new {
+                starts(parameters)
+            } else {
+                let fit = match without {
+                    Some((_, fit)) => fit.clone(),
+                    None => self.joined(&[*candidate])?,
+                };
+                let place = fit.effects.iter().position(|(own, _)| own == candidate)?;
+                vec![fit.coordinates[place].clone()]
+            };
+            let longer = begun.iter().flat_map(|start| {
+                places
+                    .iter()
+                    .map(move |place| [&start[..], &place[..]].concat())
             });
-            together[0].extend(somewhere.unwrap_or_else(|| begin.clone()));
-            together[1].extend(begin);
+            begun = longer.collect();
         }
-        let [ended, begun] = together;
-        Some(if ended == begun {
-            vec![begun]
-        } else {
-            vec![ended, begun]
-        })
+        let begun = begun.into_iter().map(DVector::from_vec);
+        if begun.len() <= 1 {
+            return Some(begun.collect());
+        }
+        let costs = begun.filter_map(|x| at(problem, x));
+        let mut costs: Vec<Found> = costs.collect();
+        costs.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        // Starts that do nothing are all the same.
+        costs.dedup_by(|a, b| (a.cost - b.cost).abs() < 1e-9 * b.cost);
+        costs.truncate(STARTS);
+        Some(costs.into_iter().map(|found| found.x).collect())
     }
 
     /// The fits of the groups of `candidates`, joined.
@@ -616,17 +643,10 @@ impl<'a, M: Model> Engine<'a, M> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
             let free = self.free(&blocks);
-            let coordinates = touching.iter().flat_map(|candidate| {
-                let effects = hypothesis.fit.effects.iter();
-                let place = effects.take_while(|(own, _)| own != candidate).count();
-                hypothesis.fit.coordinates[place].clone()
-            });
-            let nominal = free.iter().map(|n| hypothesis.fit.nominal[*n]);
-            let x: Vec<f64> = nominal.chain(coordinates).collect();
-            let problem = Problem::new(self.model, &blocks, &free, &touching);
-            let problem = problem.minimized(&DVector::from_vec(x), TIGHT);
-            let x = problem.x.clone();
-            joint.join(problem.minimized(&x, TIGHT).into_fit()?);
+            let x = self.coordinates(hypothesis, &free, &touching);
+            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
+            let found = problem.minimized(DVector::from_vec(x), TIGHT, 1)?;
+            joint.join(problem.fit(&found)?);
         }
         self.finished(hypothesis.candidates.clone(), joint)
     }
@@ -641,32 +661,43 @@ impl<'a, M: Model> Engine<'a, M> {
     pub fn intervals(&self, hypothesis: &Hypothesis) -> Option<Vec<Vec<[f64; 2]>>> {
         let blocks: Vec<usize> = (0..self.model.blocks().len()).collect();
         let free = self.free(&blocks);
-        let own = hypothesis.fit.coordinates.iter().flatten();
-        let nominal = free.iter().map(|n| &hypothesis.fit.nominal[*n]);
-        let x: Vec<f64> = nominal.chain(own).copied().collect();
+        let x = self.coordinates(hypothesis, &free, &hypothesis.candidates);
         let mut problem = Problem::new(self.model, &blocks, &free, &hypothesis.candidates);
-        problem.set_params(&DVector::from_vec(x));
-        let residuals = problem.residuals()?;
-        let jacobian = problem.jacobian()?;
-        let bread = (jacobian.transpose() * &jacobian).try_inverse()?;
-        let size = problem.x.len();
+        let found = at(&mut problem, DVector::from_vec(x))?;
+        let x = &found.x;
+        let slopes = problem.slopes(x, &found.residuals)?;
+        let mut slopes = slopes.outside(&found.residuals);
+        let mut residuals = DVector::from_iterator(slopes.nrows(), found.residuals.outside());
+        for (row, residual) in residuals.iter_mut().enumerate() {
+            let root = weight(*residual).sqrt();
+            *residual *= root;
+            slopes.row_mut(row).scale_mut(root);
+        }
+        let priors = problem.priors(x);
+        let size = x.len();
+        let mut bread = slopes.tr_mul(&slopes);
+        for (place, (_, slope)) in priors.iter().enumerate() {
+            bread[(place, place)] += slope * slope;
+        }
+        let bread = bread.try_inverse()?;
         let mut filling = DMatrix::zeros(size, size);
         let mut row = 0;
         let mut clusters = 0;
-        for piece in problem.at.as_ref()? {
-            let length = piece.len().div_ceil(CLUSTERS).max(1);
-            for start in (0..piece.len()).step_by(length) {
-                let rows = length.min(piece.len() - start);
-                let part = jacobian.rows(row + start, rows);
-                let product = part.transpose() * residuals.rows(row + start, rows);
+        for (record, block) in problem.pieces() {
+            let count = self.model.rows(record, block);
+            let length = count.div_ceil(CLUSTERS).max(1);
+            for start in (0..count).step_by(length) {
+                let rows = length.min(count - start);
+                let part = slopes.rows(row + start, rows);
+                let product = part.tr_mul(&residuals.rows(row + start, rows));
                 filling += &product * product.transpose();
                 clusters += 1;
             }
-            row += piece.len();
+            row += count;
         }
         // The priors count as observations that are met on average.
         for place in 0..size {
-            filling[(place, place)] += problem.prior(place).1.powi(2);
+            filling[(place, place)] += priors[place].1.powi(2);
         }
         let few = clusters as f64 / (clusters as f64 - size as f64).max(1.0);
         let robust = &bread * filling * &bread * few;
@@ -675,7 +706,7 @@ impl<'a, M: Model> Engine<'a, M> {
         let of = |candidate: &usize| {
             let parameters = all[*candidate].parameters.iter().map(|parameter| {
                 let variance = robust[(place, place)].max(bread[(place, place)]);
-                let (x, reach) = (problem.x[place], 1.96 * variance.max(0.0).sqrt());
+                let (x, reach) = (x[place], 1.96 * variance.max(0.0).sqrt());
                 place += 1;
                 [parameter.value(x - reach), parameter.value(x + reach)]
             });
@@ -685,51 +716,106 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     /// What each candidate promises beyond `base`: by how much it would lower the cost of what is
-    /// fitted, if residuals changed in proportion to it; the best of its starts. Costs one
-    /// evaluation a start.
+    /// fitted, if residuals changed in proportion to it, nominal values and effects of `base` moved
+    /// with it; the best of its starts. Costs one evaluation a start.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
-        let blocks: Vec<usize> = (0..self.model.blocks().len()).collect();
-        let free: Vec<usize> = (0..self.model.nominal_blocks().len()).collect();
-        let own = base.fit.coordinates.iter().flatten();
-        let x: Vec<f64> = base.fit.nominal.iter().chain(own).copied().collect();
-        let mut problem = Problem::new(self.model, &blocks, &free, &base.candidates);
-        problem.set_params(&DVector::from_vec(x));
-        let at = problem.at.as_ref()?;
-        let residuals = problem.residuals()?;
-        let jacobian = problem.jacobian()?;
-        // What the present parameters can take up is no promise.
-        let orthonormal = jacobian.qr().q();
-        let left = &residuals - &orthonormal * (orthonormal.transpose() * &residuals);
-        let nominal = problem.nominal(&problem.x);
-        let effects = problem.effects(&problem.x);
+        let groups = self.groups(&base.candidates);
+        // What a candidate touches stands or falls together.
+        let touched = |candidate: &Candidate| -> (Vec<usize>, Vec<usize>) {
+            let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
+            let touched = groups.iter().filter(|(blocks, _)| own(blocks));
+            let (mut blocks, mut candidates) = (Vec::new(), Vec::new());
+            for (of_blocks, of_candidates) in touched {
+                blocks.extend(of_blocks);
+                candidates.extend(of_candidates);
+            }
+            (blocks, candidates)
+        };
+        let all = self.model.candidates();
+        let mut bases = BTreeMap::new();
+        for touched in all.iter().map(touched).collect::<BTreeSet<_>>() {
+            let (blocks, candidates) = &touched;
+            let free = self.free(blocks);
+            let x = self.coordinates(base, &free, candidates);
+            let mut problem = Problem::new(self.model, blocks, &free, candidates);
+            let found = at(&mut problem, DVector::from_vec(x))?;
+            let slopes = problem.slopes(&found.x, &found.residuals)?;
+            let mut priors = problem.priors(&found.x);
+            priors.push((0.0, 0.0));
+            bases.insert(touched, (found, slopes, priors));
+        }
         let promise = |(place, candidate): (usize, &Candidate)| {
+            let touched = touched(candidate);
+            let (found, slopes, priors) = &bases[&touched];
             let promised = starts(&candidate.parameters)
                 .into_iter()
                 .filter_map(|start| {
                     let values = candidate.parameters.iter().zip(start);
-                    let mut with = effects.clone();
+                    let mut with = base.fit.effects.clone();
                     with.push((place, values.map(|(p, x)| p.value(x)).collect()));
-                    let mut change = Vec::with_capacity(residuals.len());
-                    for ((record, block), base) in problem.pieces().zip(at) {
-                        if candidate.blocks.contains(&block) {
-                            let moved = self.model.residuals(record, block, &nominal, &with)?;
-                            let pairs = moved.iter().zip(base);
-                            change.extend(pairs.map(|(to, from)| (to - from) * tamed(*from).1));
-                        } else {
-                            change.extend(std::iter::repeat_n(0.0, base.len()));
-                        }
-                    }
-                    change.resize(residuals.len(), 0.0);
-                    let change = DVector::from_vec(change);
-                    let new = &change - &orthonormal * (orthonormal.transpose() * &change);
-                    let size = new.norm_squared();
-                    let gain = 0.5 * left.dot(&new).powi(2) / size;
-                    (size > 1e-9 && gain.is_finite()).then_some(gain)
+                    let nominal = &base.fit.nominal;
+                    let change = self.change(&touched.0, candidate, nominal, &with, found)?;
+                    let linearized = Linearized {
+                        residuals: &found.residuals,
+                        slopes: &slopes.beside(&change),
+                        priors,
+                        damping: DVector::from_element(priors.len(), 1e-9),
+                    };
+                    Some(found.cost - linearized.cost(&linearized.minimum()))
                 });
             promised.fold(0.0, f64::max)
         };
-        let candidates = self.model.candidates();
-        Some(candidates.par_iter().enumerate().map(promise).collect())
+        Some(all.par_iter().enumerate().map(promise).collect())
+    }
+
+    /// How residuals of `blocks` change from `found` when effects are `with` those of `candidate`.
+    fn change(
+        &self,
+        blocks: &[usize],
+        candidate: &Candidate,
+        nominal: &[f64],
+        with: &[Active],
+        found: &Found,
+    ) -> Option<Slopes> {
+        let base = &found.residuals;
+        let mut values = DMatrix::zeros(base.values.len(), 1);
+        let mut slack = values.clone();
+        let mut row = 0;
+        for record in 0..self.model.fitted() {
+            for block in blocks {
+                if !candidate.blocks.contains(block) {
+                    row += self.model.rows(record, *block);
+                    continue;
+                }
+                let moved = self.model.residuals(record, *block, nominal, with)?;
+                if !moved.finite() {
+                    return None;
+                }
+                for (value, own) in moved.values.iter().zip(&moved.slack) {
+                    values[row] = value - base.values[row];
+                    slack[row] = own - base.slack[row];
+                    row += 1;
+                }
+            }
+        }
+        Some(Slopes { values, slack })
+    }
+
+    /// Where the fit of `hypothesis` is, in the coordinates of a problem.
+    fn coordinates(
+        &self,
+        hypothesis: &Hypothesis,
+        free: &[usize],
+        candidates: &[usize],
+    ) -> Vec<f64> {
+        let fit = &hypothesis.fit;
+        let coordinates = candidates.iter().flat_map(|candidate| {
+            let effects = fit.effects.iter();
+            let place = effects.take_while(|(own, _)| own != candidate).count();
+            fit.coordinates[place].iter().copied()
+        });
+        let nominal = free.iter().map(|n| fit.nominal[*n]);
+        nominal.chain(coordinates).collect()
     }
 
     /// How well `candidates` together fit; `None` without a solution.
@@ -742,18 +828,20 @@ impl<'a, M: Model> Engine<'a, M> {
 }
 
 /// Where a fit of effect parameters begins: sizes at half the usual one, in either direction where
-/// there are two; what is fitted by its logarithm also well above and below.
+/// there are two; what is fitted by its logarithm also above and below.
 fn starts(parameters: &[Parameter]) -> Vec<Vec<f64>> {
     let mut starts = vec![Vec::new()];
     for parameter in parameters {
         let values: Vec<f64> = if parameter.log {
             let reach = START_FACTOR.ln();
-            let low = (parameter.range.0 / parameter.usual).ln();
-            let high = (parameter.range.1 / parameter.usual).ln();
-            [0.0, -reach, reach]
-                .iter()
-                .map(|x| 1.0 + x.clamp(low, high))
-                .collect()
+            let (least, most) = parameter.reach();
+            let shares: &[f64] = if parameters.len() == 1 {
+                &[0.0, -0.5, 0.5, -1.0, 1.0]
+            } else {
+                &[0.0, -1.0, 1.0]
+            };
+            let places = shares.iter().map(|share| 1.0 + share * reach);
+            places.map(|x| x.clamp(least, most)).collect()
         } else if parameter.range.0 < 0.0 {
             vec![0.5, -0.5]
         } else {

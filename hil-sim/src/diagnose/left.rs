@@ -62,7 +62,7 @@ pub fn profiles<M: Model>(model: &M, hypothesis: &Hypothesis, block: usize) -> V
         let Some(residuals) = model.residuals(record, block, &fit.nominal, &fit.effects) else {
             continue;
         };
-        squares.extend(residuals.iter().map(|r| r * r));
+        squares.extend(residuals.outside().map(|r| r * r));
         for (place, coordinate) in model.context(record, block).into_iter().enumerate() {
             if coordinates.len() == place {
                 coordinates.push((coordinate.name, coordinate.unit, Vec::new()));

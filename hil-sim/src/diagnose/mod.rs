@@ -5,6 +5,7 @@
 
 pub mod choice;
 pub mod engine;
+pub mod least_squares;
 pub mod left;
 pub mod muscle;
 pub mod report;
@@ -16,7 +17,7 @@ use crate::plant::simulation::TOLERANCE;
 use crate::record::Record;
 use crate::rig::Rig;
 use crate::simulate::{simulate, simulated};
-use choice::{Choice, Step, Verdict, choose};
+use choice::{Choice, Step, Verdict, Watch, choose};
 use engine::{Engine, Hypothesis, Model, Part, Tally};
 use left::{Profile, profiles, when};
 use muscle::MuscleModel;
@@ -193,7 +194,7 @@ impl Clock {
 }
 
 /// Diagnoses `rig` from records to `fit`, judged by records to `validate`; effects named in
-/// `without` are left out of the catalogue, and `step` is told what is being tried.
+/// `without` are left out of the catalogue, and `watch` is told what is being done.
 ///
 /// # Errors
 /// Rig and records do not fit together, or do not suffice.
@@ -202,17 +203,18 @@ pub fn diagnose(
     fit: &[Record],
     validate: &[Record],
     without: &[String],
-    step: impl Fn(Step),
+    watch: Watch,
 ) -> Result<Diagnosed, BadInput> {
     let mut clock = Clock {
         begin: Instant::now(),
         stages: Vec::new(),
     };
+    watch(Step::Stage("data and noise", 0));
     let model = MuscleModel::new(rig, fit, validate, without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
-    let choice = choose(&engine, step).ok_or_else(|| rig.bad_file(expected))?;
+    let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
     let taken = if choice.verdict == Verdict::Unexplained {
         &choice.null
@@ -220,6 +222,7 @@ pub fn diagnose(
         &choice.best
     };
     let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
+    watch(Step::Stage("intervals and free runs", 0));
     let effects = named(&engine, &choice, taken);
     clock.lap("intervals");
     let free_run = |record: &Record| {

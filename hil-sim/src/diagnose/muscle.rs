@@ -8,6 +8,7 @@
 
 use super::Calibrated;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use super::least_squares::Residuals;
 use crate::check::check;
 use crate::effects::CATALOGUE;
 use crate::error::BadInput;
@@ -16,7 +17,7 @@ use crate::plant::simulation::Initial;
 use crate::plant::term::Terms;
 use crate::plant::{Plant, Term};
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
-use crate::rig::{Effect, Load, Rig, Weight};
+use crate::rig::{Effect, Load, Rig, Tolerance, Weight};
 use crate::simulate::{Inputs, simulate};
 use model_core::pressure::GaugePa;
 use std::borrow::Cow;
@@ -34,6 +35,10 @@ const SKIP_S: f64 = 0.6;
 const TOLERANCE: f64 = 1e-4;
 /// A speed is one when it is so many of its standard errors.
 const SPEED_ERRORS: f64 = 5.0;
+/// An encoder that has moved by so many times its noise is taken along, over one of these numbers
+/// of rows before and after.
+const CONTACT_NOISES: f64 = 6.0;
+const CONTACT_ROWS: [usize; 4] = [1, 2, 4, 8];
 /// So near to a change of direction the weight may still be stuck, or be so already \[s\].
 const TURN_S: f64 = 0.03;
 /// An encoder that rests for longer than this has more to it than a turn of the motion \[s\].
@@ -54,6 +59,8 @@ const STEPS_PER_ROW: f64 = 2.0;
 const MOTION_NOISES: f64 = 5.0;
 /// Stops of a record that are independent of each other.
 const MOTION_STOPS: f64 = 8.0;
+/// Share of a nominal value that is left at least.
+const LEAST_SHARE: f64 = 0.05;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
 const FORCE_FLOOR_N: f64 = 0.1;
 
@@ -109,6 +116,29 @@ struct Prepared {
     warnings: Vec<String>,
 }
 
+/// Which way the muscle surely takes an encoder with play along: +1, −1, or 0 where it may not. From
+/// one row to the next, or over more where the motion is slow.
+fn contacts(contraction: &[f64], noise: f64) -> Vec<f64> {
+    let last = contraction.len() - 1;
+    let moved = |from: usize, to: usize| {
+        let way = contraction[to] - contraction[from];
+        if way.abs() > CONTACT_NOISES * noise {
+            way.signum()
+        } else {
+            0.0
+        }
+    };
+    let contact = |row: usize| {
+        let ways = CONTACT_ROWS.map(|reach| {
+            let (from, to) = (row.saturating_sub(reach), (row + reach).min(last));
+            let (before, after) = (moved(from, row), moved(row, to));
+            if before == after { before } else { 0.0 }
+        });
+        ways.into_iter().find(|way| *way != 0.0).unwrap_or(0.0)
+    };
+    (0..=last).map(contact).collect()
+}
+
 /// Directions with each rest of the encoder crossed: in a short one the motion turns, with a steady
 /// acceleration; in a long one the muscle goes with the pressure.
 fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
@@ -158,6 +188,12 @@ pub struct MuscleModel {
     blocks: Vec<&'static str>,
     nominal_blocks: Vec<Vec<usize>>,
     candidates: Vec<Candidate>,
+}
+
+/// By which factor a nominal value moves with so many of its standard deviations: never through 0,
+/// where a heat transfer or a friction would drive the plant.
+fn moved_by(tolerance: &Tolerance, deviations: f64) -> f64 {
+    (1.0 + tolerance.relative_sigma * deviations).max(LEAST_SHARE)
 }
 
 /// The blocks on which a nominal value of a section acts.
@@ -226,9 +262,7 @@ impl MuscleModel {
             places.dedup();
             places
         };
-        let nominal = |tolerance: &crate::rig::Tolerance| {
-            places(blocks_of(&tolerance.section, &tolerance.key))
-        };
+        let nominal = |tolerance: &Tolerance| places(blocks_of(&tolerance.section, &tolerance.key));
         let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
         let kinds = CATALOGUE
             .iter()
@@ -271,7 +305,7 @@ impl MuscleModel {
         let mut rig = self.rig.clone();
         for (tolerance, deviation) in self.rig.tolerances.iter().zip(nominal) {
             if let Some(value) = rig.value_mut(&tolerance.section, &tolerance.key) {
-                *value *= 1.0 + tolerance.relative_sigma * deviation;
+                *value *= moved_by(tolerance, *deviation);
             }
         }
         for (candidate, values) in effects {
@@ -289,11 +323,11 @@ impl MuscleModel {
     pub fn calibrated(&self, nominal: &[f64]) -> Vec<Calibrated> {
         let mut rig = self.rig.clone();
         let values = self.rig.tolerances.iter().zip(nominal);
-        let of = |(tolerance, deviation): (&crate::rig::Tolerance, &f64)| {
+        let of = |(tolerance, deviation): (&Tolerance, &f64)| {
             let value = *rig.value_mut(&tolerance.section, &tolerance.key)?;
             Some(Calibrated {
                 key: format!("{}.{}", tolerance.section, tolerance.key),
-                values: [value, value * (1.0 + tolerance.relative_sigma * deviation)],
+                values: [value, value * moved_by(tolerance, *deviation)],
                 deviation: *deviation,
             })
         };
@@ -470,7 +504,7 @@ impl Prepared {
         }
         self.sides = bridged(
             record.time_s(),
-            &self.directions,
+            &contacts(contraction, self.noise.contraction),
             record.column(PRESSURE_PA),
         );
     }
@@ -630,6 +664,15 @@ impl Model for MuscleModel {
         &self.candidates
     }
 
+    fn rows(&self, record: usize, block: usize) -> usize {
+        let record = &self.records[record];
+        match self.blocks[block] {
+            GAS => record.gas_rows.len(),
+            FORCE => record.force_rows.len(),
+            _ => record.places.len(),
+        }
+    }
+
     /// Where the weight rests, friction takes up what it can.
     fn proportional(&self, block: usize) -> bool {
         self.blocks[block] == GAS
@@ -690,7 +733,7 @@ impl Model for MuscleModel {
         block: usize,
         nominal: &[f64],
         effects: &[Active],
-    ) -> Option<Vec<f64>> {
+    ) -> Option<Residuals> {
         let record = &self.records[record];
         let rig = self.fitted(nominal, effects);
         match self.blocks[block] {
@@ -735,17 +778,19 @@ fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading
     (out.len() == rows).then_some(out)
 }
 
-fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let inputs = record.gas.as_ref()?;
     let measured = inputs.column(PRESSURE_PA)?;
     let read = run(&rig, inputs)?;
     let residual =
         |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
-    Some(record.gas_rows.iter().map(residual).collect())
+    Some(Residuals::exact(
+        record.gas_rows.iter().map(residual).collect(),
+    ))
 }
 
-fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
     let contraction = record.measured.column(CONTRACTION)?;
@@ -756,14 +801,19 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
             .hypot(record.noise.force_n)
             .hypot(FORCE_FLOOR_N);
         let (least_n, most_n) = forces_n[*row];
-        (measured[*row].clamp(least_n, most_n) - measured[*row]) / noise_n
+        let middle_n = 0.5 * (least_n + most_n);
+        (
+            (middle_n - measured[*row]) / noise_n,
+            0.5 * (most_n - least_n) / noise_n,
+        )
     };
-    Some(record.force_rows.iter().map(residual).collect())
+    let (values, slack) = record.force_rows.iter().map(residual).unzip();
+    Some(Residuals { values, slack })
 }
 
 impl MuscleModel {
     /// How far the balance of forces on the weight lies outside what friction can take up.
-    fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+    fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Residuals> {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
@@ -830,9 +880,9 @@ impl MuscleModel {
                 + load.weight.viscous_damping_ns_per_m
                     * load.initial_length_m
                     * kernel.first(contraction);
-            let outside_n = balance_n - balance_n.clamp(-reach_n.abs(), reach_n.abs());
-            outside_n * place.per_noise
+            (balance_n * place.per_noise, reach_n * place.per_noise)
         });
-        Some(residuals.collect())
+        let (values, slack) = residuals.unzip();
+        Some(Residuals { values, slack })
     }
 }

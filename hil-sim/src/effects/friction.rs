@@ -33,7 +33,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "stribeck",
             parameters: &[
                 FORCE_N,
-                Parameter::new("static_n", "N", (0.0, 1e3), 5.0).neutral(0.0),
+                Parameter::new("static_n", "N", (0.0, 1e2), 5.0).neutral(0.0),
                 Parameter::new("speed_m_per_s", "m/s", (1e-4, 1.0), 1e-2).log(),
             ],
             source: "Coulomb and a static excess over it that falls as a Gaussian of the speed; \

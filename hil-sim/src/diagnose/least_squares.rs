@@ -1,0 +1,347 @@
+//! Least squares with dead zones and outliers.
+//!
+//! Where a weight rests, static friction takes up any force to its limit: the residual is only what
+//! lies outside. A Gauss–Newton step knows nothing of rows that are inside and would be outside
+//! after it, so that a minimizer of smooth problems creeps: hundreds of evaluations, unfinished,
+//! were seen. Here only the model is linearized; dead zones and Huber's loss stay as they are, and
+//! the convex problem that this makes is solved to its end at each step, which costs no evaluation
+//! of the model (prox-linear method: Lewis & Wright 2016; damping: Marquardt 1963).
+
+use nalgebra::{DMatrix, DVector};
+
+/// Residuals beyond this many standard deviations count less.
+const OUTLIER: f64 = 4.0;
+/// Iterations that the convex problem may take, and the decrease below which it ends.
+const INNER: usize = 60;
+const INNER_COST: f64 = 1e-4;
+/// Halvings of a line search.
+const HALVINGS: usize = 30;
+/// Damping at the start, at its least, and where a fit is given up.
+const DAMPING: [f64; 3] = [1e-4, 1e-9, 1e6];
+
+/// Residuals with their dead zones: a value within ± its slack is none.
+#[derive(Clone, Debug, Default)]
+pub struct Residuals {
+    /// The values, in units of their noise.
+    pub values: Vec<f64>,
+    /// The slacks, not negative, as many.
+    pub slack: Vec<f64>,
+}
+
+impl Residuals {
+    /// Values without slack.
+    pub fn exact(values: Vec<f64>) -> Residuals {
+        let slack = vec![0.0; values.len()];
+        Residuals { values, slack }
+    }
+
+    /// What of each value lies outside its slack.
+    pub fn outside(&self) -> impl Iterator<Item = f64> {
+        let pairs = self.values.iter().zip(&self.slack);
+        pairs.map(|(value, slack)| outside(*value, *slack))
+    }
+
+    /// Whether all are numbers.
+    pub fn finite(&self) -> bool {
+        let mut all = self.values.iter().chain(&self.slack);
+        all.all(|value| value.is_finite())
+    }
+
+    /// Adds those of another piece.
+    pub fn extend(&mut self, other: Residuals) {
+        self.values.extend(other.values);
+        self.slack.extend(other.slack);
+    }
+}
+
+fn outside(value: f64, slack: f64) -> f64 {
+    (value.abs() - slack.max(0.0)).max(0.0).copysign(value)
+}
+
+/// Weight of a residual in a weighted sum of squares that touches the loss where it is.
+pub fn weight(residual: f64) -> f64 {
+    (OUTLIER / residual.abs()).min(1.0)
+}
+
+/// Huber's loss: half the square, growing like the residual itself beyond [`OUTLIER`], so that the
+/// few moments that a block does not see right do not rule the fit.
+pub fn loss(residual: f64) -> f64 {
+    let size = residual.abs();
+    if size <= OUTLIER {
+        0.5 * size * size
+    } else {
+        OUTLIER * (size - 0.5 * OUTLIER)
+    }
+}
+
+/// How residuals change with coordinates: rows by coordinates, of values and of slacks.
+#[derive(Clone, Debug)]
+pub struct Slopes {
+    /// Of the values.
+    pub values: DMatrix<f64>,
+    /// Of the slacks.
+    pub slack: DMatrix<f64>,
+}
+
+impl Slopes {
+    /// Slopes of what lies outside at `residuals`, 0 inside.
+    pub fn outside(&self, residuals: &Residuals) -> DMatrix<f64> {
+        let mut slopes = &self.values - &self.slack;
+        for (row, outside) in residuals.outside().enumerate() {
+            if outside == 0.0 {
+                slopes.row_mut(row).fill(0.0);
+            } else if outside < 0.0 {
+                let turned = self.values.row(row) + self.slack.row(row);
+                slopes.row_mut(row).copy_from(&turned);
+            }
+        }
+        slopes
+    }
+
+    /// The slopes beside `more` ones.
+    pub fn beside(&self, more: &Slopes) -> Slopes {
+        let join = |a: &DMatrix<f64>, b: &DMatrix<f64>| {
+            let mut joined = a.clone().resize_horizontally(a.ncols() + b.ncols(), 0.0);
+            joined.columns_mut(a.ncols(), b.ncols()).copy_from(b);
+            joined
+        };
+        Slopes {
+            values: join(&self.values, &more.values),
+            slack: join(&self.slack, &more.slack),
+        }
+    }
+}
+
+/// A prior on one coordinate: its residual, and the slope of that.
+pub type Prior = (f64, f64);
+
+/// A model, linearized, with dead zones and loss as they are.
+pub struct Linearized<'a> {
+    /// The residuals.
+    pub residuals: &'a Residuals,
+    /// Their slopes.
+    pub slopes: &'a Slopes,
+    /// The coordinates' priors.
+    pub priors: &'a [Prior],
+    /// Weights of squared steps.
+    pub damping: DVector<f64>,
+}
+
+impl Linearized<'_> {
+    fn moved(&self, step: &DVector<f64>) -> Residuals {
+        let add = |base: &[f64], slopes: &DMatrix<f64>| {
+            let change = slopes * step;
+            base.iter().zip(&change).map(|(a, b)| a + b).collect()
+        };
+        Residuals {
+            values: add(&self.residuals.values, &self.slopes.values),
+            slack: add(&self.residuals.slack, &self.slopes.slack),
+        }
+    }
+
+    /// Cost after `step`, without damping.
+    pub fn cost(&self, step: &DVector<f64>) -> f64 {
+        let rows: f64 = self.moved(step).outside().map(loss).sum();
+        let priors = self.priors.iter().zip(step);
+        let priors = priors.map(|((residual, slope), step)| (residual + slope * step).powi(2));
+        rows + 0.5 * priors.sum::<f64>()
+    }
+
+    /// Gradient and curvature of cost and damping after `step`.
+    fn bend(&self, step: &DVector<f64>) -> (DVector<f64>, DMatrix<f64>) {
+        let moved = self.moved(step);
+        let mut slopes = self.slopes.outside(&moved);
+        let mut rows = DVector::from_iterator(moved.values.len(), moved.outside());
+        for (row, residual) in rows.iter_mut().enumerate() {
+            let root = weight(*residual).sqrt();
+            *residual *= root;
+            if root < 1.0 {
+                slopes.row_mut(row).scale_mut(root);
+            }
+        }
+        let mut gradient = slopes.tr_mul(&rows);
+        let mut curvature = slopes.tr_mul(&slopes);
+        for (place, (residual, slope)) in self.priors.iter().enumerate() {
+            gradient[place] +=
+                slope * (residual + slope * step[place]) + self.damping[place] * step[place];
+            curvature[(place, place)] += slope * slope + self.damping[place];
+        }
+        (gradient, curvature)
+    }
+
+    /// Slope of cost and damping along `direction` after `step`.
+    fn slope(&self, step: &DVector<f64>, direction: &Direction) -> f64 {
+        let moved = self.moved(step);
+        let rows = moved
+            .outside()
+            .zip(direction.values.iter().zip(&direction.slack));
+        let rows = rows.map(|(outside, (value, slack))| {
+            let along = if outside < 0.0 {
+                value + slack
+            } else {
+                value - slack
+            };
+            outside * weight(outside) * along
+        });
+        let priors = self
+            .priors
+            .iter()
+            .enumerate()
+            .map(|(place, (residual, slope))| {
+                let prior = slope * (residual + slope * step[place]);
+                (prior + self.damping[place] * step[place]) * direction.step[place]
+            });
+        rows.sum::<f64>() + priors.sum::<f64>()
+    }
+
+    /// The step to the minimum of cost and damping.
+    pub fn minimum(&self) -> DVector<f64> {
+        let mut step = DVector::zeros(self.priors.len());
+        for _ in 0..INNER {
+            let (gradient, curvature) = self.bend(&step);
+            let Some(whole) = curvature.cholesky().map(|c| -c.solve(&gradient)) else {
+                return step;
+            };
+            let direction = Direction {
+                values: &self.slopes.values * &whole,
+                slack: &self.slopes.slack * &whole,
+                step: whole,
+            };
+            let fall = -gradient.dot(&direction.step);
+            let (mut low, mut high) = (0.0, 1.0);
+            if self.slope(&(&step + &direction.step), &direction) > 0.0 {
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (low + high);
+                    if self.slope(&(&step + middle * &direction.step), &direction) > 0.0 {
+                        high = middle;
+                    } else {
+                        low = middle;
+                    }
+                    if high - low < 0.05 * low {
+                        break;
+                    }
+                }
+            } else {
+                low = 1.0;
+            }
+            step += low * direction.step;
+            if fall * low.max(0.1) < INNER_COST {
+                break;
+            }
+        }
+        step
+    }
+}
+
+struct Direction {
+    step: DVector<f64>,
+    values: DVector<f64>,
+    slack: DVector<f64>,
+}
+
+/// When a fit ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Goal {
+    /// Decrease of the cost below which it does, of the cost itself and at all.
+    pub relative: f64,
+    /// See above.
+    pub absolute: f64,
+    /// Evaluations that it may take.
+    pub evaluations: usize,
+}
+
+/// What is minimized.
+pub trait Problem {
+    /// The residuals at `x`; `None` where there are none.
+    fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals>;
+    /// The slopes at `x`, where the residuals are `residuals`.
+    fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes>;
+    /// The priors at `x`.
+    fn priors(&self, x: &DVector<f64>) -> Vec<Prior>;
+    /// `x` put back into its range.
+    fn bounded(&self, x: DVector<f64>) -> DVector<f64>;
+}
+
+/// Half the sum of squares, tamed, priors included.
+fn cost(residuals: &Residuals, priors: &[Prior]) -> f64 {
+    let priors = priors.iter().map(|(residual, _)| 0.5 * residual * residual);
+    residuals.outside().map(loss).sum::<f64>() + priors.sum::<f64>()
+}
+
+/// A point with its residuals and its cost.
+pub struct Found {
+    /// The point.
+    pub x: DVector<f64>,
+    /// Its residuals.
+    pub residuals: Residuals,
+    /// Its cost.
+    pub cost: f64,
+}
+
+/// The point `x` of `problem`; `None` where it has no residuals.
+pub fn at(problem: &mut impl Problem, x: DVector<f64>) -> Option<Found> {
+    let residuals = problem.residuals(&x)?;
+    let cost = cost(&residuals, &problem.priors(&x));
+    Some(Found { x, residuals, cost })
+}
+
+/// The minimum of `problem` near `x`; `None` where it has no residuals there.
+pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Option<Found> {
+    let mut found = at(problem, x)?;
+    let mut evaluations = 1;
+    let mut damping = DAMPING[0];
+    let mut scale = DVector::<f64>::zeros(found.x.len());
+    while evaluations < goal.evaluations && !found.x.is_empty() {
+        let Some(slopes) = problem.slopes(&found.x, &found.residuals) else {
+            break;
+        };
+        for (place, column) in slopes.values.column_iter().enumerate() {
+            scale[place] = scale[place].max(column.norm_squared());
+        }
+        let priors = problem.priors(&found.x);
+        let enough = goal.absolute + goal.relative * found.cost;
+        let before = found.cost;
+        loop {
+            let linearized = Linearized {
+                residuals: &found.residuals,
+                slopes: &slopes,
+                priors: &priors,
+                damping: damping * &scale,
+            };
+            let step = problem.bounded(&found.x + linearized.minimum()) - &found.x;
+            let promised = found.cost - linearized.cost(&step);
+            if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
+                return Some(found);
+            }
+            evaluations += 1;
+            let next = at(problem, &found.x + &step);
+            // Where the promise is not kept, half the way may do better: behind a threshold an
+            // effect does nothing, and shows no way back.
+            let poor = |next: &Found| before - next.cost < 0.75 * promised;
+            let half = next.as_ref().is_none_or(poor);
+            let half = half.then(|| at(problem, &found.x + 0.5 * &step)).flatten();
+            evaluations += usize::from(half.is_some());
+            let both = [next, half].into_iter().flatten();
+            let best = both.min_by(|a, b| a.cost.total_cmp(&b.cost));
+            let kept = best.map(|next| ((before - next.cost) / promised, next));
+            match kept {
+                Some((share, next)) if share > 1e-3 => {
+                    damping *= match share {
+                        0.75.. => 0.1,
+                        0.25.. => 1.0,
+                        _ => 4.0,
+                    };
+                    damping = damping.max(DAMPING[1]);
+                    found = next;
+                    break;
+                }
+                _ if evaluations < goal.evaluations => damping = (damping * 8.0).max(1e-3),
+                _ => return Some(found),
+            }
+        }
+        if before - found.cost < enough {
+            break;
+        }
+    }
+    Some(found)
+}
