@@ -25,6 +25,7 @@
 )]
 
 pub mod assist;
+pub mod consistency;
 pub mod controller;
 pub mod device;
 pub mod error;
@@ -35,6 +36,7 @@ pub mod muscle;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod safety;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
@@ -42,3 +44,4 @@ pub mod store;
 pub mod supervisor;
 pub mod timing;
 pub mod valve;
+pub mod voted;

@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the messages: it changes with every change of one, settings included.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -384,8 +384,8 @@ mod tests {
         );
     }
 
-    const IDENTIFY: [u8; 8] = [2, 1, 5, 190, 35, 194, 88, 0];
-    const VENT: [u8; 10] = [3, 1, 3, 6, 3, 154, 87, 183, 2, 0];
+    const IDENTIFY: [u8; 8] = [2, 2, 5, 125, 112, 239, 115, 0];
+    const VENT: [u8; 10] = [3, 2, 3, 6, 3, 116, 248, 2, 16, 0];
 
     proptest! {
         #[test]

@@ -12,6 +12,7 @@
 
 use crate::frame::Request;
 use crate::plausibility::{Doubt, Verdict};
+use crate::safety::{SafetyFunction, Switches};
 use crate::settings::SettingsValues;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +55,12 @@ pub enum Fault {
     NotStill,
     /// The muscle had pressure, or lifted, before it was asked to.
     Uncommanded,
+    /// The pressure does not follow its reference: valve, supply, hose, or pressure sensor.
+    PressureControl,
+    /// Pressure, contraction and weight do not fit: a sensor, the load, or the muscle.
+    ForceBalance,
+    /// The controller's memory has changed by itself.
+    Memory,
 }
 
 /// What a tick has found out, before anything is decided.
@@ -79,6 +86,14 @@ pub(crate) struct Findings {
     pub bridging: bool,
     /// A fault is latched.
     pub latched: bool,
+    /// The pressure is not where reference and valve have it.
+    pub pressure_astray: bool,
+    /// The forces are not in balance.
+    pub force_astray: bool,
+    /// A bit of the memory had flipped.
+    pub memory_damaged: bool,
+    /// What is looked at.
+    pub switches: Switches,
 }
 
 /// What is decided about the mode.
@@ -93,20 +108,31 @@ pub(crate) enum Decision {
 
 impl Findings {
     fn fault(&self, values: &SettingsValues) -> Option<Fault> {
+        let looked_at = |function| self.switches.on(function);
+        if self.memory_damaged {
+            return Some(Fault::Memory);
+        }
         match (self.bridge, self.pressure, self.encoder) {
             (Verdict::Failed(doubt), ..) => return Some(Fault::Bridge(doubt)),
             (_, Verdict::Failed(doubt), _) => return Some(Fault::Pressure(doubt)),
             (.., Verdict::Failed(doubt)) => return Some(Fault::Encoder(doubt)),
             _ => {}
         }
-        if self.pressure_pa > values.pressure_trip_pa {
+        let over_pressure = self.pressure_pa > values.pressure_trip_pa;
+        let over_contraction = self.contraction > values.contraction_trip;
+        let missed_ticks = self.missed_ticks > values.missed_ticks_max;
+        if over_pressure && looked_at(SafetyFunction::PressureTrip) {
             Some(Fault::OverPressure)
-        } else if self.contraction > values.contraction_trip {
+        } else if over_contraction && looked_at(SafetyFunction::ContractionTrip) {
             Some(Fault::OverContraction)
-        } else if self.missed_ticks > values.missed_ticks_max {
+        } else if missed_ticks && looked_at(SafetyFunction::MissedTicks) {
             Some(Fault::MissedTicks)
-        } else if self.uncommanded {
+        } else if self.uncommanded && looked_at(SafetyFunction::RestWatch) {
             Some(Fault::Uncommanded)
+        } else if self.pressure_astray && looked_at(SafetyFunction::PressureFollows) {
+            Some(Fault::PressureControl)
+        } else if self.force_astray && looked_at(SafetyFunction::ForceBalance) {
+            Some(Fault::ForceBalance)
         } else {
             None
         }
@@ -136,7 +162,10 @@ pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -
 
 /// Passes after an undisturbed window; gives up, naming what disturbs, when it takes too long.
 fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
-    match findings.unready {
+    let unready = findings
+        .unready
+        .filter(|_| findings.switches.on(SafetyFunction::SelfCheck));
+    match unready {
         None if findings.window_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
         Some(reason) if findings.mode_ticks >= values.self_check_ticks_max => {
             Decision::Fail(reason)
@@ -157,7 +186,7 @@ fn from_ready(findings: &Findings) -> Decision {
 fn from_assisting(findings: &Findings) -> Decision {
     if findings.request == Request::Hold {
         Decision::Go(Mode::Holding)
-    } else if findings.suspect() {
+    } else if findings.suspect() && findings.switches.on(SafetyFunction::HoldOnDoubt) {
         Decision::Bridge
     } else {
         Decision::Stay

@@ -5,6 +5,7 @@ use model_core::error::SettingsError;
 use model_core::frame::{Output, Request, Sensors};
 use model_core::limits::LIMITS;
 use model_core::plausibility::Doubt;
+use model_core::pressure::GaugePa;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
@@ -189,10 +190,10 @@ fn broken_sensors_are_faults_with_their_reason() {
             |sensors, _| sensors.pressure = AdcCount(4095),
             range(Fault::Pressure),
         ),
-        // Believed in the third tick, by when it could have risen so far: too high all the same.
+        // It was seen elsewhere: it has not come there, however long it says so.
         (
             |sensors, _| sensors.pressure = AdcCount(3600),
-            (Fault::OverPressure, 3),
+            (Fault::Pressure(Doubt::Step), 3),
         ),
         (
             |sensors, _| sensors.encoder.0 = sensors.encoder.0.wrapping_add(1 << 20),
@@ -234,7 +235,7 @@ fn a_frozen_encoder_is_noticed_by_the_pressure() {
     // Move there within the step limit.
     for step in 0..=20 {
         bench.contraction = 0.005 * step as f32;
-        bench.pressure_pa = 1.5e5 + 2e3 * step as f32;
+        bench.pressure_pa = 8e4 + 5e2 * step as f32;
         assert_eq!(bench.tick().fault, None);
     }
     let frozen = bench.contraction;
@@ -255,8 +256,9 @@ fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
     let mut bench = Bench::assisting();
     bench.until(200, |output| output.pressure_ref.0 > 9e4);
     bench.contraction = 0.0;
-    for step in 1..=40 {
-        bench.contraction = 0.01 * step as f32;
+    // Faster than the forces are found not to fit.
+    for step in 1..=10 {
+        bench.contraction = 0.04 * step as f32;
         let output = bench.tick();
         if output.fault.is_some() {
             break;
@@ -393,8 +395,11 @@ fn a_fault_while_venting_on_request_is_latched_and_does_not_hurry_it() {
         // The muscle empties faster than its reference falls.
         bench.pressure_pa *= 0.9;
         let output = bench.tick_with(&sensors);
+        // What the muscle has lost already need not be let down; yet no faster than it may move.
         let fall_pa = last.pressure_ref.0 - output.pressure_ref.0;
-        assert!((fall_pa - 2e3).abs() < 0.1, "{fall_pa}");
+        let values = *bench.controller.settings().values();
+        let moving_pa = 0.01 * moving_rate(&values, 0.0, last.pressure_ref.0);
+        assert!((0.0..=moving_pa + 0.1).contains(&fall_pa), "{fall_pa}");
         last = output;
     }
     assert_eq!(last.fault, Some(Fault::Bridge(Doubt::Range)));
@@ -474,6 +479,48 @@ fn a_failed_pressure_sensor_is_waited_for_from_the_end_of_the_ramp() {
 }
 
 #[test]
+fn a_frozen_encoder_at_the_stop_is_noticed_by_the_forces() {
+    let mut bench = Bench::assisting();
+    bench.finger_n = 13.0;
+    // (117.7 + 100 + 183) N over 2.38e-3 m²: 168 kPa, and a tenth of a second's mean.
+    let fault = bench.until(100, |output| output.fault.is_some());
+    assert_eq!(fault.fault, Some(Fault::ForceBalance));
+    assert!(bench.pressure_pa < 2.2e5, "{}", bench.pressure_pa);
+}
+
+#[test]
+fn a_pressure_that_does_not_follow_is_a_fault() {
+    let mut bench = Bench::assisting();
+    bench.finger_n = 15.0;
+    for _ in 0..100 {
+        // A valve that stays shut.
+        if let Some(fault) = bench.tick().fault {
+            assert_eq!(fault, Fault::PressureControl);
+            return;
+        }
+    }
+    panic!("unnoticed");
+}
+
+#[test]
+fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
+    let mut bench = Bench::assisting();
+    bench.finger_n = 5.5;
+    bench.until(200, |output| output.pressure_ref.0 > 1.1e5);
+    let mut last = bench.tick();
+    bench.request = Request::Vent;
+    // Below the step that no valve could do: believed, and yet nothing to jump to.
+    bench.pressure_pa = 0.0;
+    for _ in 0..20 {
+        let output = bench.tick();
+        let values = *bench.controller.settings().values();
+        let moving_pa = 0.01 * moving_rate(&values, 0.0, last.pressure_ref.0);
+        assert!(last.pressure_ref.0 - output.pressure_ref.0 <= moving_pa + 0.1);
+        last = output;
+    }
+}
+
+#[test]
 fn settings_that_switch_a_check_off_are_refused() {
     type Change = fn(&mut SettingsValues);
     let changes: [(&str, Change); 16] = [
@@ -487,16 +534,16 @@ fn settings_that_switch_a_check_off_are_refused() {
         ("pressure_trip_pa", |v| v.pressure_sensor.per_count = 150.0),
         ("pressure_trip_pa", |v| v.pressure_trip_pa = 8e5),
         ("pressure_step_pa_max", |v| v.pressure_step_pa_max = 6e5),
-        ("pressure_rate_pa_per_s_max", |v| {
-            v.pressure_rate_pa_per_s_max = 1e8
+        ("reference_speed_m_per_s_max", |v| {
+            v.reference_speed_m_per_s_max = 10.0
         }),
-        ("engage_rate_pa_per_s", |v| v.engage_rate_pa_per_s = 6e6),
+        ("pressure_error_pa_max", |v| v.pressure_error_pa_max = 6e5),
         ("vent_rate_pa_per_s", |v| v.vent_rate_pa_per_s = 1e7),
         ("vented_pa", |v| {
             (v.pressure_pa_max, v.vented_pa) = (5e4, 1e5)
         }),
         ("encoder_m_per_count", |v| v.encoder_m_per_count = -1e-20),
-        ("encoder_stuck_pa", |v| v.lift_pressure_pa_max = 2e6),
+        ("force_error_n_max", |v| v.force_error_n_max = 2e3),
         ("valve_drive.pa_per_v", |v| v.valve_drive.pa_per_v = 1e7),
         ("stuck_ticks", |v| v.stuck_ticks = 65_535),
     ];
@@ -546,12 +593,22 @@ fn any_settings() -> impl Strategy<Value = SettingsValues> {
         Just(f32::NAN.to_bits()),
         Just(f32::INFINITY.to_bits()),
     ];
-    // 29 floats come first, four bytes each.
-    (0..29_usize, special).prop_filter_map("not settings", move |(place, bits)| {
+    // 32 floats come first, four bytes each.
+    (0..32_usize, special).prop_filter_map("not settings", move |(place, bits)| {
         let mut bytes = bytes.clone();
         bytes[4 * place..4 * place + 4].copy_from_slice(&bits.to_le_bytes());
         postcard::from_bytes(&bytes).ok()
     })
+}
+
+/// dP/dt at which a weight in balance moves as fast as it may: (v/L)·f_c/f_p of Eq 1.
+fn moving_rate(values: &SettingsValues, contraction: f32, pressure_pa: f32) -> f32 {
+    let muscle = &values.muscle;
+    let contraction = contraction.clamp(0.0, values.contraction_max);
+    let pulls_from_pa = -muscle.gamma_n / muscle.force_per_pressure_m2(0.0);
+    let slope_n = muscle.stiffness_n(contraction, GaugePa(pressure_pa.max(pulls_from_pa)));
+    values.reference_speed_m_per_s_max / muscle.initial_length_m * slope_n
+        / muscle.force_per_pressure_m2(contraction)
 }
 
 fn any_sensors() -> impl Strategy<Value = Sensors> {
@@ -616,19 +673,15 @@ proptest! {
             prop_assert!(sent <= max_pa * 1.0002 + 0.51 * values.valve_drive.pressure(
                 model_core::signal::DacCount::new(1)).0);
             let rise = output.pressure_ref.0 - last.pressure_ref.0;
-            // Rounding of references up to 2 MPa, besides; an engagement begins at what the
-            // pressure sensor reads, and venting where that is below the reference.
-            let step = values.pressure_rate_pa_per_s_max * 0.01 + 0.5;
+            // No faster than the weight may move; rounding of references up to 2 MPa besides. An
+            // engagement begins at what the pressure sensor reads.
+            let step = 0.01 * moving_rate(values, output.contraction, last.pressure_ref.0) + 0.5;
             let begins = last.mode == Mode::Ready && output.mode == Mode::Assisting;
             prop_assert!(rise <= if begins { values.vented_pa + step } else { step }, "{rise}");
-            let venting = output.mode == Mode::Venting;
-            let fall = if venting { values.vent_rate_pa_per_s * 0.01 + 0.5 } else { step };
-            let from_pa = if venting && last.mode != Mode::Venting {
-                last.pressure_ref.0.min(output.pressure.0)
-            } else {
-                last.pressure_ref.0
-            };
-            prop_assert!(output.pressure_ref.0 >= from_pa - fall, "{rise}");
+            prop_assert!(rise >= -step, "{rise}");
+            if output.mode == Mode::Venting && last.pressure_ref.0 <= output.pressure.0 {
+                prop_assert!(rise >= -values.vent_rate_pa_per_s * 0.01 - 0.5, "{rise}");
+            }
             if matches!(output.mode, Mode::SelfCheck | Mode::Ready) {
                 prop_assert_eq!(output.valve.get(), 0);
             }

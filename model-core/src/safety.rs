@@ -1,0 +1,81 @@
+//! The safety functions by name, as docs/safety.md lists them; and switches that only tests have.
+
+/// What keeps a single fault from hurting the person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SafetyFunction {
+    /// A reading at an end of its scale, or beyond physics, is not used.
+    SensorRange,
+    /// A reading that jumps is not used.
+    SensorStep,
+    /// A converter that repeats itself is not used.
+    SensorStuck,
+    /// A suspect reading makes the pressure hold.
+    HoldOnDoubt,
+    /// The pressure must follow its reference.
+    PressureFollows,
+    /// Pressure, contraction and load must be in balance.
+    ForceBalance,
+    /// The reference moves no faster than the weight may.
+    ReferenceSpeed,
+    /// The weight is let down at a limited rate.
+    VentRamp,
+    /// The pressure has a trip level.
+    PressureTrip,
+    /// The contraction has a limit and a trip level.
+    ContractionTrip,
+    /// Ticks that did not happen are a fault.
+    MissedTicks,
+    /// A muscle that was not asked for must not have pressure, nor lift.
+    RestWatch,
+    /// Assistance begins on a muscle that is vented and still, with a lever that is let go.
+    SelfCheck,
+    /// A flipped bit is outvoted, and ends the assistance.
+    MemoryVote,
+}
+
+impl SafetyFunction {
+    /// All of them.
+    pub const ALL: [SafetyFunction; 14] = [
+        SafetyFunction::SensorRange,
+        SafetyFunction::SensorStep,
+        SafetyFunction::SensorStuck,
+        SafetyFunction::HoldOnDoubt,
+        SafetyFunction::PressureFollows,
+        SafetyFunction::ForceBalance,
+        SafetyFunction::ReferenceSpeed,
+        SafetyFunction::VentRamp,
+        SafetyFunction::PressureTrip,
+        SafetyFunction::ContractionTrip,
+        SafetyFunction::MissedTicks,
+        SafetyFunction::RestWatch,
+        SafetyFunction::SelfCheck,
+        SafetyFunction::MemoryVote,
+    ];
+}
+
+/// All safety functions are on. Only with the feature `fault-injection`, which no firmware has, can
+/// one be off, so that a test shows that it is needed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Switches {
+    #[cfg(feature = "fault-injection")]
+    off: Option<SafetyFunction>,
+}
+
+impl Switches {
+    #[cfg(feature = "fault-injection")]
+    pub(crate) fn without(function: SafetyFunction) -> Switches {
+        Switches {
+            off: Some(function),
+        }
+    }
+
+    #[cfg(feature = "fault-injection")]
+    pub(crate) fn on(self, function: SafetyFunction) -> bool {
+        self.off != Some(function)
+    }
+
+    #[cfg(not(feature = "fault-injection"))]
+    pub(crate) fn on(self, _: SafetyFunction) -> bool {
+        true
+    }
+}
