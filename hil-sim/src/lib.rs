@@ -6,6 +6,7 @@ pub mod design_report;
 pub mod effects;
 pub mod emulated;
 pub mod error;
+pub mod faults;
 pub mod gap;
 pub mod hil;
 pub mod initial;

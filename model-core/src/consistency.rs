@@ -62,7 +62,13 @@ pub struct ForceBalance {
     /// The mean \[N\].
     error_n: f32,
     astray: Tally,
+    /// Ticks in a row in which the weight was too fast.
+    fast_ticks: u8,
 }
+
+/// The speed that is a fault, over the reference's: what swings is stopped before it is twice as
+/// fast, as a weight on a spring is whose rest begins to move.
+pub const OVER_SPEED: f32 = 1.5;
 
 impl ForceBalance {
     /// One tick later, `missed` where ticks are missing in between.
@@ -93,6 +99,16 @@ impl ForceBalance {
         let within =
             self.error_n <= values.force_error_n_max && self.error_n >= -values.force_error_n_max;
         self.astray.add(!within, values.suspect_ticks);
+        let two_ticks_m = self.before.map_or(0.0, |before| {
+            muscle.initial_length_m * (contraction - before)
+        });
+        let fast_m = OVER_SPEED * values.reference_speed_m_per_s_max * 2.0 * TICK_S;
+        let fast = !missed && (two_ticks_m > fast_m || two_ticks_m < -fast_m);
+        self.fast_ticks = if fast {
+            self.fast_ticks.saturating_add(1)
+        } else {
+            0
+        };
         self.before = if missed {
             None
         } else {
@@ -100,6 +116,11 @@ impl ForceBalance {
         };
         self.last = Some((contraction, force_n));
         self
+    }
+
+    /// The weight was too fast, for longer than a jump of the encoder lasts in two differences.
+    pub fn is_too_fast(&self) -> bool {
+        self.fast_ticks >= 2
     }
 
     /// The forces did not fit for too long.

@@ -376,6 +376,7 @@ fn findings(
         latched: next.fault.is_some(),
         pressure_astray: next.follower.has_failed(values),
         force_astray: next.balance.has_failed(values),
+        too_fast: next.balance.is_too_fast(),
         memory_damaged: false,
         switches: Switches::default(),
     }

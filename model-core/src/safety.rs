@@ -17,6 +17,8 @@ pub enum SafetyFunction {
     ForceBalance,
     /// The reference moves no faster than the weight may.
     ReferenceSpeed,
+    /// The weight's speed has a trip level.
+    SpeedTrip,
     /// The weight is let down at a limited rate.
     VentRamp,
     /// The pressure has a trip level.
@@ -35,7 +37,7 @@ pub enum SafetyFunction {
 
 impl SafetyFunction {
     /// All of them.
-    pub const ALL: [SafetyFunction; 14] = [
+    pub const ALL: [SafetyFunction; 15] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
@@ -43,6 +45,7 @@ impl SafetyFunction {
         SafetyFunction::PressureFollows,
         SafetyFunction::ForceBalance,
         SafetyFunction::ReferenceSpeed,
+        SafetyFunction::SpeedTrip,
         SafetyFunction::VentRamp,
         SafetyFunction::PressureTrip,
         SafetyFunction::ContractionTrip,

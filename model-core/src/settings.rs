@@ -131,9 +131,9 @@ impl SettingsValues {
             supply_pressure_pa: 5e5,
             pressure_pa_max: 5e5,
             pressure_trip_pa: 5.6e5,
-            reference_speed_m_per_s_max: 0.3,
+            reference_speed_m_per_s_max: 0.25,
             pressure_lag_s: 0.3,
-            pressure_error_pa_max: 8e4,
+            pressure_error_pa_max: 9e4,
             engage_rate_pa_per_s: 2.5e5,
             vent_rate_pa_per_s: 2e5,
             vented_pa: 2e4,
@@ -146,7 +146,7 @@ impl SettingsValues {
             encoder_step_m_max: 0.015,
             encoder_stuck_pa: 6e4,
             load_kg: 12.0,
-            force_error_n_max: 100.0,
+            force_error_n_max: 105.0,
             stuck_ticks: 50,
             suspect_ticks: 3,
             missed_ticks_max: 2,
@@ -340,6 +340,30 @@ impl Settings {
         match postcard::take_from_bytes(payload) {
             Ok((values, [])) => Settings::new(values),
             _ => Err(SettingsError::Length),
+        }
+    }
+}
+
+#[cfg(feature = "fault-injection")]
+impl Settings {
+    /// Flips a bit of one of its values, valid or not; `bit` is reduced to those that are there.
+    pub fn flip(&mut self, bit: usize) {
+        let values = &mut self.0;
+        let floats = [
+            &mut values.gain,
+            &mut values.pressure_pa_max,
+            &mut values.muscle.alpha_m2,
+            &mut values.bridge.per_count,
+            &mut values.encoder_m_per_count,
+            &mut values.valve_drive.pa_per_v,
+            &mut values.vent_rate_pa_per_s,
+            &mut values.reference_speed_m_per_s_max,
+        ];
+        let number = bit / 32 % floats.len();
+        for (place, value) in floats.into_iter().enumerate() {
+            if place == number {
+                *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
+            }
         }
     }
 }

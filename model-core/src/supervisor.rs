@@ -59,6 +59,8 @@ pub enum Fault {
     PressureControl,
     /// Pressure, contraction and weight do not fit: a sensor, the load, or the muscle.
     ForceBalance,
+    /// The weight is faster than the reference ever is.
+    OverSpeed,
     /// The controller's memory has changed by itself.
     Memory,
 }
@@ -90,6 +92,8 @@ pub(crate) struct Findings {
     pub pressure_astray: bool,
     /// The forces are not in balance.
     pub force_astray: bool,
+    /// The weight was too fast.
+    pub too_fast: bool,
     /// A bit of the memory had flipped.
     pub memory_damaged: bool,
     /// What is looked at.
@@ -131,6 +135,8 @@ impl Findings {
             Some(Fault::Uncommanded)
         } else if self.pressure_astray && looked_at(SafetyFunction::PressureFollows) {
             Some(Fault::PressureControl)
+        } else if self.too_fast && looked_at(SafetyFunction::SpeedTrip) {
+            Some(Fault::OverSpeed)
         } else if self.force_astray && looked_at(SafetyFunction::ForceBalance) {
             Some(Fault::ForceBalance)
         } else {
