@@ -3,6 +3,7 @@
 pub mod board;
 pub mod completions;
 pub mod design;
+pub mod faults;
 pub mod hil;
 pub mod paper;
 pub mod record;

@@ -7,6 +7,7 @@ pub mod bounds;
 pub mod campaign;
 pub mod kind;
 mod plant;
+pub mod report;
 pub mod run;
 pub mod unit;
 
