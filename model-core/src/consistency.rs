@@ -45,6 +45,11 @@ impl PressureFollower {
         self.slow_pa
     }
 
+    /// The pressure was where it is to be, for a while.
+    pub fn is_calm(&self) -> bool {
+        self.astray.is_empty()
+    }
+
     /// The pressure was elsewhere for too long.
     pub fn has_failed(&self, values: &SettingsValues) -> bool {
         self.astray.is_full(values.suspect_ticks)

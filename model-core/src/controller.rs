@@ -283,7 +283,8 @@ fn sense(
 /// True where the pressure has changed by more than static friction can hold since the encoder
 /// moved. On its stop the weight rests until it is lifted, which the force balance tells.
 fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel: i32) -> bool {
-    if travel.unsigned_abs() <= FLICKER_COUNTS {
+    // A pressure that is astray says nothing about the encoder.
+    if travel.unsigned_abs() <= FLICKER_COUNTS || !state.follower.is_calm() {
         return false;
     }
     let change_pa = pressure_pa - state.moved_at_pa;
@@ -451,7 +452,7 @@ fn next_reference_pa(
             );
             // Past the limit of travel the pressure may only fall.
             let too_short = target.contraction > values.contraction_max
-                && switches.on(SafetyFunction::ContractionTrip);
+                && switches.on(SafetyFunction::WeightWatch);
             let target_pa = if too_short { law.0.min(now_pa) } else { law.0 };
             let rate_pa_per_s = if state.engaged {
                 moving_pa_per_s

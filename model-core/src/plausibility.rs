@@ -42,6 +42,11 @@ impl Tally {
         };
     }
 
+    /// True where no bad tick is left.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
     /// True from the `limit`th bad tick, with good ones in between a later one, to the next good.
     pub fn is_full(self, limit: u8) -> bool {
         self.0 >= full(limit)

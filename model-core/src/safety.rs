@@ -7,27 +7,21 @@ pub enum SafetyFunction {
     SensorRange,
     /// A reading that jumps is not used.
     SensorStep,
-    /// A converter that repeats itself is not used.
+    /// A reading that stands still although it must not is not used.
     SensorStuck,
-    /// A suspect reading makes the pressure hold.
-    HoldOnDoubt,
-    /// The pressure must follow its reference.
-    PressureFollows,
-    /// Pressure, contraction and load must be in balance.
-    ForceBalance,
-    /// The reference moves no faster than the weight may.
-    ReferenceSpeed,
+    /// The pressure follows its reference, below its trip level.
+    PressureWatch,
+    /// Pressure, contraction and load are in balance, within the stroke.
+    WeightWatch,
     /// The weight's speed has a trip level.
     SpeedTrip,
+    /// The reference moves no faster than the weight may.
+    ReferenceSpeed,
     /// The weight is let down at a limited rate.
     VentRamp,
-    /// The pressure has a trip level.
-    PressureTrip,
-    /// The contraction has a limit and a trip level.
-    ContractionTrip,
     /// Ticks that did not happen are a fault.
     MissedTicks,
-    /// A muscle that was not asked for must not have pressure, nor lift.
+    /// A muscle that was not asked for has no pressure, and does not lift.
     RestWatch,
     /// Assistance begins on a muscle that is vented and still, with a lever that is let go.
     SelfCheck,
@@ -37,18 +31,15 @@ pub enum SafetyFunction {
 
 impl SafetyFunction {
     /// All of them.
-    pub const ALL: [SafetyFunction; 15] = [
+    pub const ALL: [SafetyFunction; 12] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
-        SafetyFunction::HoldOnDoubt,
-        SafetyFunction::PressureFollows,
-        SafetyFunction::ForceBalance,
-        SafetyFunction::ReferenceSpeed,
+        SafetyFunction::PressureWatch,
+        SafetyFunction::WeightWatch,
         SafetyFunction::SpeedTrip,
+        SafetyFunction::ReferenceSpeed,
         SafetyFunction::VentRamp,
-        SafetyFunction::PressureTrip,
-        SafetyFunction::ContractionTrip,
         SafetyFunction::MissedTicks,
         SafetyFunction::RestWatch,
         SafetyFunction::SelfCheck,

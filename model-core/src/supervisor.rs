@@ -125,19 +125,19 @@ impl Findings {
         let over_pressure = self.pressure_pa > values.pressure_trip_pa;
         let over_contraction = self.contraction > values.contraction_trip;
         let missed_ticks = self.missed_ticks > values.missed_ticks_max;
-        if over_pressure && looked_at(SafetyFunction::PressureTrip) {
+        if over_pressure && looked_at(SafetyFunction::PressureWatch) {
             Some(Fault::OverPressure)
-        } else if over_contraction && looked_at(SafetyFunction::ContractionTrip) {
+        } else if over_contraction && looked_at(SafetyFunction::WeightWatch) {
             Some(Fault::OverContraction)
         } else if missed_ticks && looked_at(SafetyFunction::MissedTicks) {
             Some(Fault::MissedTicks)
         } else if self.uncommanded && looked_at(SafetyFunction::RestWatch) {
             Some(Fault::Uncommanded)
-        } else if self.pressure_astray && looked_at(SafetyFunction::PressureFollows) {
+        } else if self.pressure_astray && looked_at(SafetyFunction::PressureWatch) {
             Some(Fault::PressureControl)
         } else if self.too_fast && looked_at(SafetyFunction::SpeedTrip) {
             Some(Fault::OverSpeed)
-        } else if self.force_astray && looked_at(SafetyFunction::ForceBalance) {
+        } else if self.force_astray && looked_at(SafetyFunction::WeightWatch) {
             Some(Fault::ForceBalance)
         } else {
             None
@@ -181,10 +181,10 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
 }
 
 fn from_ready(findings: &Findings) -> Decision {
+    let watched = findings.switches.on(SafetyFunction::RestWatch);
+    let at_rest = findings.unready.is_none() || !watched;
     match findings.request {
-        Request::Assist if findings.unready.is_none() && !findings.suspect() => {
-            Decision::Go(Mode::Assisting)
-        }
+        Request::Assist if at_rest && !findings.suspect() => Decision::Go(Mode::Assisting),
         _ => Decision::Stay,
     }
 }
@@ -192,7 +192,7 @@ fn from_ready(findings: &Findings) -> Decision {
 fn from_assisting(findings: &Findings) -> Decision {
     if findings.request == Request::Hold {
         Decision::Go(Mode::Holding)
-    } else if findings.suspect() && findings.switches.on(SafetyFunction::HoldOnDoubt) {
+    } else if findings.suspect() {
         Decision::Bridge
     } else {
         Decision::Stay

@@ -20,8 +20,6 @@ pub struct Bounds {
     pub height_m: f64,
     /// Highest pressure, gauge \[Pa\].
     pub pressure_pa: f64,
-    /// Latest latching of a reason after the fault \[s\].
-    pub latched_within_s: Option<f64>,
 }
 
 /// The trip level of the weight's speed over the reference's.
@@ -99,7 +97,6 @@ pub fn bounds(case: &Case, values: &SettingsValues) -> Bounds {
         speed_down_m_per_s: moved_m_per_s,
         height_m: stroke_m,
         pressure_pa: f64::from(values.pressure_trip_pa),
-        latched_within_s: case.kind.latched_within_s,
     };
     let Decides::Physics { up, down } = case.kind.decides else {
         return bounds;

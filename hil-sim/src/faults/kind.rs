@@ -1,10 +1,13 @@
 //! Every fault of the campaign: what breaks, in which sizes, and what then decides.
 
+use super::Moment;
 use Decides::{Controller, Physics};
 use Inject::{
     AnalogGain, Dac, Damage, Drift, EncoderLoses, Freeze, Hang, Healthy, HoseOff, Jump, Leak,
     Lever, Link, Load, Noise, Reading, Reversed, Settings, Supply, Ticks, Valve,
 };
+use model_core::plausibility::Doubt;
+use model_core::supervisor::Fault;
 
 /// An instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,9 +157,71 @@ pub struct Kind {
     pub unit: &'static str,
     /// Who decides.
     pub decides: Decides,
-    /// A fault must be latched within this time \[s\] while the muscle is in use; none where one
-    /// may not be seen, which docs/safety.md gives reasons for.
-    pub latched_within_s: Option<f64>,
+    /// What must be latched, where a reason can be seen: docs/safety.md says where not, and why.
+    pub latched: Option<Latched>,
+    /// Assistance must not begin on it.
+    pub bars_start: bool,
+}
+
+/// A reason that must be latched.
+#[derive(Clone, Copy, Debug)]
+pub struct Latched {
+    /// Within this time of the fault \[s\].
+    pub within_s: f64,
+    /// Where the fault falls in one of these moments.
+    pub moments: &'static [Moment],
+    /// Where the weight was at least so high \[m\]: one that comes to rest on its stop is safe.
+    pub above_m: f64,
+    /// One of these.
+    pub is_right: fn(Fault) -> bool,
+}
+
+const IN_USE: &[Moment] = &[
+    Moment::Rest,
+    Moment::Lifting,
+    Moment::Holding,
+    Moment::Lowering,
+];
+const WAITING: &[Moment] = &[Moment::Ready];
+const HELD: &[Moment] = &[Moment::Holding];
+
+const fn latched(
+    within_s: f64,
+    moments: &'static [Moment],
+    is_right: fn(Fault) -> bool,
+) -> Option<Latched> {
+    Some(Latched {
+        within_s,
+        moments,
+        above_m: 0.0,
+        is_right,
+    })
+}
+
+fn bridge(fault: Fault) -> bool {
+    matches!(fault, Fault::Bridge(_))
+}
+
+/// Or what the weight does by then.
+fn bridge_or_weight(fault: Fault) -> bool {
+    bridge(fault) || weight(fault)
+}
+
+/// Or what it does not fit.
+fn pressure_or_weight(fault: Fault) -> bool {
+    pressure(fault) || weight(fault)
+}
+
+fn encoder(fault: Fault) -> bool {
+    matches!(fault, Fault::Encoder(_))
+}
+
+fn pressure(fault: Fault) -> bool {
+    matches!(fault, Fault::Pressure(_) | Fault::PressureControl)
+}
+
+fn weight(fault: Fault) -> bool {
+    matches!(fault, Fault::ForceBalance | Fault::OverSpeed)
 }
 
 const fn kind(
@@ -165,7 +230,7 @@ const fn kind(
     sizes: &'static [f64],
     unit: &'static str,
     decides: Decides,
-    latched_within_s: Option<f64>,
+    latched: Option<Latched>,
 ) -> Kind {
     Kind {
         name,
@@ -173,17 +238,27 @@ const fn kind(
         sizes,
         unit,
         decides,
-        latched_within_s,
+        latched,
+        bars_start: false,
+    }
+}
+
+impl Kind {
+    const fn bars_start(self) -> Kind {
+        Kind {
+            bars_start: true,
+            ..self
+        }
     }
 }
 
 use Inject::{PowerLost, ValveSlow};
 use Instrument::{Bridge, Encoder, Pressure};
 
-/// Three suspect ticks, and the tick in which the fault falls.
-const AT_ONCE_S: Option<f64> = Some(0.05);
-/// Fifty equal readings besides.
-const STUCK_S: Option<f64> = Some(0.56);
+/// Three suspect ticks, and the tick in which the fault falls \[s\].
+const AT_ONCE_S: f64 = 0.05;
+/// Fifty equal readings besides \[s\].
+const STUCK_S: f64 = 0.56;
 
 /// All kinds.
 pub const KINDS: &[Kind] = &[
@@ -194,15 +269,16 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 4095.0],
         "count",
         Controller,
-        AT_ONCE_S,
-    ),
+        latched(AT_ONCE_S, IN_USE, bridge),
+    )
+    .bars_start(),
     kind(
         "gauge shorted",
         Reading(Bridge),
         &[2048.0],
         "count",
         Controller,
-        STUCK_S,
+        latched(STUCK_S, IN_USE, bridge_or_weight),
     ),
     kind(
         "gauge frozen",
@@ -210,7 +286,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0],
         "counts of noise",
         Controller,
-        STUCK_S,
+        latched(STUCK_S, IN_USE, bridge_or_weight),
     ),
     kind(
         "gauge frozen, noisy",
@@ -221,9 +297,18 @@ pub const KINDS: &[Kind] = &[
         None,
     ),
     kind(
+        "gauge running away",
+        Drift(Bridge),
+        &[-20.0, 20.0],
+        "N/s",
+        Controller,
+        // The whole scale at this rate.
+        latched(2.55, IN_USE, |fault| fault == Fault::Bridge(Doubt::Range)),
+    ),
+    kind(
         "gauge drifting",
         Drift(Bridge),
-        &[-20.0, -2.0, 1.0, 5.0, 20.0],
+        &[-5.0, -2.0, 1.0, 5.0],
         "N/s",
         Controller,
         None,
@@ -239,7 +324,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "gauge gain",
         AnalogGain(Bridge),
-        &[0.0, 0.5, 1.5, 2.0, 4.0],
+        &[0.0, 0.5, 1.5, 2.0, 4.0, 8.0],
         "1",
         Controller,
         None,
@@ -259,7 +344,8 @@ pub const KINDS: &[Kind] = &[
         "N",
         Controller,
         None,
-    ),
+    )
+    .bars_start(),
     kind(
         "encoder frozen",
         Freeze(Encoder),
@@ -298,7 +384,7 @@ pub const KINDS: &[Kind] = &[
         &[-10.0, -0.05, 0.05, 1.0],
         "m",
         Controller,
-        AT_ONCE_S,
+        latched(AT_ONCE_S, IN_USE, encoder),
     ),
     kind(
         "pressure sensor open",
@@ -306,15 +392,16 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 4095.0],
         "count",
         Controller,
-        AT_ONCE_S,
-    ),
+        latched(AT_ONCE_S, IN_USE, pressure),
+    )
+    .bars_start(),
     kind(
         "pressure sensor shorted",
         Reading(Pressure),
         &[410.0],
         "count",
         Controller,
-        STUCK_S,
+        latched(STUCK_S, IN_USE, pressure_or_weight),
     ),
     kind(
         "pressure sensor frozen",
@@ -322,7 +409,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0],
         "counts of noise",
         Controller,
-        STUCK_S,
+        latched(STUCK_S, IN_USE, pressure_or_weight),
     ),
     kind(
         "pressure sensor frozen, noisy",
@@ -378,7 +465,16 @@ pub const KINDS: &[Kind] = &[
         &[1.0, 0.8],
         "of supply",
         FLUNG,
-        None,
+        latched(0.1, HELD, pressure),
+    )
+    .bars_start(),
+    kind(
+        "valve ajar",
+        Valve,
+        &[0.1, 0.2],
+        "of supply",
+        DROPPED,
+        latched(0.05, WAITING, |fault| fault == Fault::Uncommanded),
     ),
     kind(
         "valve stuck at the exhaust",
@@ -386,7 +482,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0],
         "of supply",
         DROPPED,
-        None,
+        latched(0.1, HELD, pressure),
     ),
     kind("valve stuck shut", Valve, &[-1.0], "", Controller, None),
     kind(
@@ -435,7 +531,7 @@ pub const KINDS: &[Kind] = &[
         &[5e-9, 2e-8, 1e-7],
         "kg/(Pa·s)",
         DROPPED,
-        None,
+        latched(0.5, HELD, pressure),
     ),
     kind(
         "payload dropped",
@@ -446,12 +542,26 @@ pub const KINDS: &[Kind] = &[
         None,
     ),
     kind(
-        "payload doubled",
+        "payload half as much again",
         Load,
-        &[1.5, 2.0],
+        &[1.5],
         "of the load",
         DROPPED,
         None,
+    ),
+    // It swings first; a tenth of a second's mean then.
+    kind(
+        "payload doubled",
+        Load,
+        &[2.0],
+        "of the load",
+        DROPPED,
+        Some(Latched {
+            within_s: 1.0,
+            moments: HELD,
+            above_m: 0.04,
+            is_right: weight,
+        }),
     ),
     kind(
         "lever slammed",
@@ -460,10 +570,26 @@ pub const KINDS: &[Kind] = &[
         "m",
         Controller,
         None,
-    ),
+    )
+    .bars_start(),
     kind("DAC stuck", Dac, &[-1.0], "", Controller, None),
-    kind("DAC at full scale", Dac, &[1.0], "of scale", FLUNG, None),
-    kind("DAC at zero", Dac, &[0.0], "of scale", DROPPED, None),
+    kind(
+        "DAC at full scale",
+        Dac,
+        &[1.0],
+        "of scale",
+        FLUNG,
+        latched(0.1, HELD, pressure),
+    )
+    .bars_start(),
+    kind(
+        "DAC at zero",
+        Dac,
+        &[0.0],
+        "of scale",
+        DROPPED,
+        latched(0.1, HELD, pressure),
+    ),
     kind(
         "ADC overrun",
         Hang,
@@ -494,7 +620,7 @@ pub const KINDS: &[Kind] = &[
         &[3.0, 4.0],
         "ticks",
         Controller,
-        Some(0.06),
+        latched(0.06, IN_USE, |fault| fault == Fault::MissedTicks),
     ),
     kind(
         "ticks halting",
@@ -591,7 +717,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 1.0, 2.0],
         "copy",
         Controller,
-        Some(0.02),
+        latched(0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
     kind(
         "bit flip in the settings",
@@ -599,7 +725,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 1.0, 2.0],
         "copy",
         Controller,
-        Some(0.02),
+        latched(0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
     kind(
         "bit flip in the source",

@@ -26,6 +26,8 @@ use serde::Serialize;
 pub enum Moment {
     /// Before the controller starts.
     Start,
+    /// Checked, before assistance is asked for.
+    Ready,
     /// Engaged, the weight still on its stop.
     Rest,
     /// On the way up.
@@ -38,8 +40,9 @@ pub enum Moment {
 
 impl Moment {
     /// All of them.
-    pub const ALL: [Moment; 5] = [
+    pub const ALL: [Moment; 6] = [
         Moment::Start,
+        Moment::Ready,
         Moment::Rest,
         Moment::Lifting,
         Moment::Holding,
@@ -74,6 +77,8 @@ pub struct Case {
     pub hardware: Hardware,
 }
 
+/// When the person asks for assistance, if it is offered \[s\].
+pub(crate) const ASKS_S: f64 = 0.9;
 /// How long a case goes on after its fault \[s\]: venting from the highest pressure takes 2.5 s.
 const AFTER_S: f64 = 3.5;
 /// The held part of a lift \[s\].
@@ -96,6 +101,7 @@ impl Case {
         let start_s = CHECKED_S + 0.4;
         let fault_s = match moment {
             Moment::Start => 0.0,
+            Moment::Ready => ASKS_S - 0.3 + 0.15 * share,
             Moment::Rest => CHECKED_S + 0.35 * share,
             Moment::Lifting => start_s + rise_s * share,
             Moment::Holding => start_s + rise_s + HOLD_S * share,

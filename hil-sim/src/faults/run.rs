@@ -1,10 +1,10 @@
 //! One case: the closed loop with a fault in it, and what is measured of it.
 
 use super::bounds::{Bounds, bounds, fallen_m_per_s};
-use super::kind::{Inject, Instrument, LinkFault, TickFault};
+use super::kind::{Inject, Instrument, Kind, LinkFault, TickFault};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Told, Unit, frame};
-use super::{Case, Moment};
+use super::{ASKS_S, Case, Moment};
 use crate::closed_loop::{self, Error, Experiment, Hand, TICK_S, Tick};
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated, Term};
@@ -327,7 +327,7 @@ pub fn run(
         ];
         let pins = instruments.pins(truth, since_s, normal);
         // The person asks for assistance once, as soon as it is offered.
-        let request = if told.output.mode == Mode::Ready && !asked {
+        let request = if told.output.mode == Mode::Ready && !asked && time_s >= ASKS_S {
             asked = true;
             Request::Assist
         } else {
@@ -500,6 +500,7 @@ struct Watch<'a> {
     outcome: Outcome,
     fallen: bool,
     begins_m: f64,
+    has_assisted: bool,
 }
 
 impl Watch<'_> {
@@ -528,6 +529,7 @@ impl Watch<'_> {
             outcome,
             fallen: false,
             begins_m: 0.0,
+            has_assisted: false,
         }
     }
 
@@ -575,6 +577,9 @@ impl Watch<'_> {
     }
 
     fn told(&mut self, time_s: f64, told: &Told) {
+        // A hand that pulls as much as the gauge is off makes it whole again.
+        let assists = told.output.mode == Mode::Assisting;
+        self.has_assisted |= assists && time_s < self.case.finger.followed_s().start;
         let outcome = &mut self.outcome;
         if told.output.fault.is_some() {
             outcome.reason = told.output.fault;
@@ -588,14 +593,23 @@ impl Watch<'_> {
         let outcome = &mut self.outcome;
         outcome.mode = told.output.mode;
         let bounds = outcome.bounds;
-        // While nobody uses it, a fault may wait for the self-check to end.
-        let in_use = !matches!(self.case.moment, Moment::Start);
-        let late = bounds.latched_within_s.is_some_and(|within_s| {
-            in_use
-                && !outcome
-                    .latched_after_s
-                    .is_some_and(|after_s| after_s <= within_s)
+        let Kind {
+            latched,
+            bars_start,
+            ..
+        } = self.case.kind;
+        let must = latched.filter(|latched| {
+            latched.moments.contains(&self.case.moment) && self.begins_m >= latched.above_m
         });
+        let late = must.is_some_and(|must| {
+            let after_s = outcome.latched_after_s;
+            after_s.is_none_or(|after_s| after_s > must.within_s)
+        });
+        let wrong = must.is_some_and(|must| {
+            let reason = outcome.reason;
+            reason.is_some_and(|reason| !(must.is_right)(reason))
+        });
+        let begun = *bars_start && self.case.moment == Moment::Start && self.has_assisted;
         let false_alarm = self.case.kind.inject == Inject::Healthy && outcome.reason.is_some();
         let checks = [
             (
@@ -609,6 +623,8 @@ impl Watch<'_> {
             ("height", outcome.height_m_max > bounds.height_m),
             ("pressure", outcome.pressure_pa_max > bounds.pressure_pa),
             ("reason late", late),
+            ("reason wrong", wrong),
+            ("begun", begun),
             ("false alarm", false_alarm),
         ];
         let outside = checks.into_iter().filter(|(_, is_outside)| *is_outside);

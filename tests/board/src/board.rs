@@ -322,6 +322,14 @@ impl Board {
             .map(|(_, address)| *address)
     }
 
+    /// Address of the symbol whose name contains `part`, if there is one.
+    pub fn symbol_with(&self, part: &str) -> Option<u32> {
+        self.symbols
+            .iter()
+            .find(|(symbol, _)| symbol.contains(part))
+            .map(|(_, address)| *address)
+    }
+
     /// The symbol at or before `address`.
     pub fn function_at(&self, address: u32) -> String {
         let before = |(_, a): &&(String, u32)| *a & !1 <= address && *a != 0;

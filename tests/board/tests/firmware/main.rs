@@ -5,6 +5,7 @@
 mod assist;
 mod boot;
 mod crash;
+mod faults;
 mod link;
 mod pins;
 mod rig;
