@@ -168,11 +168,14 @@ pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -
 
 /// Passes after an undisturbed window; gives up, naming what disturbs, when it takes too long.
 fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
-    let unready = findings
-        .unready
-        .filter(|_| findings.switches.on(SafetyFunction::SelfCheck));
+    let checks = findings.switches.on(SafetyFunction::SelfCheck);
+    let (unready, good_ticks) = if checks {
+        (findings.unready, findings.window_ticks)
+    } else {
+        (None, findings.mode_ticks)
+    };
     match unready {
-        None if findings.window_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
+        None if good_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
         Some(reason) if findings.mode_ticks >= values.self_check_ticks_max => {
             Decision::Fail(reason)
         }

@@ -15,7 +15,7 @@ use model_core::signal::{COUNT_MAX, DacCount};
 use std::collections::BTreeMap;
 
 /// Cases, unless FAULT_CASES says otherwise.
-const CASES: u64 = 180;
+const CASES: u64 = 60;
 /// The firmware's device in RAM, by the name that RTIC gives it.
 const DEVICE: &str = "rtic_internal_local_resource_device";
 
