@@ -125,6 +125,7 @@ impl Controller {
 }
 
 #[cfg(feature = "fault-injection")]
+#[allow(clippy::indexing_slicing)]
 impl Controller {
     /// A controller that lacks a safety function, to show that it is needed.
     pub fn without(settings: Settings, function: SafetyFunction) -> Controller {
@@ -487,6 +488,7 @@ fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
 }
 
 #[cfg(feature = "fault-injection")]
+#[allow(clippy::indexing_slicing)]
 impl State {
     /// Flips a bit of one of its values; `bit` is reduced to those that are there.
     pub fn flip(&mut self, bit: usize) {

@@ -96,6 +96,7 @@ impl Device {
 
     /// The three copies of whether hardware in the loop is on, flipped in one.
     #[cfg(feature = "fault-injection")]
+    #[allow(clippy::indexing_slicing)]
     pub fn flip_hil(&mut self, copy: usize) {
         let hil = &mut self.hil.copies()[copy];
         *hil = match hil {

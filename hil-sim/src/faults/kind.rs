@@ -465,7 +465,7 @@ pub const KINDS: &[Kind] = &[
         &[1.0, 0.8],
         "of supply",
         FLUNG,
-        latched(0.1, HELD, pressure),
+        latched(0.1, HELD, pressure_or_weight),
     )
     .bars_start(),
     kind(
@@ -525,13 +525,14 @@ pub const KINDS: &[Kind] = &[
         Controller,
         None,
     ),
+    // Twice V/(RθC) of the smallest hole and the largest muscle.
     kind(
         "hose off",
         HoseOff,
         &[5e-9, 2e-8, 1e-7],
         "kg/(Pa·s)",
         DROPPED,
-        latched(0.5, HELD, pressure_or_weight),
+        latched(0.65, HELD, pressure_or_weight),
     ),
     kind(
         "payload lost",
@@ -580,7 +581,7 @@ pub const KINDS: &[Kind] = &[
         &[1.0],
         "of scale",
         FLUNG,
-        latched(0.1, HELD, pressure),
+        latched(0.1, HELD, pressure_or_weight),
     )
     .bars_start(),
     kind(

@@ -61,6 +61,9 @@ pub struct WithHardware {
     pub pressure_pa_max: f64,
 }
 
+/// A kind's cases, with each piece of hardware.
+pub type Columns = Vec<(Hardware, Vec<Outcome>)>;
+
 /// The whole campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
@@ -145,7 +148,7 @@ impl Summary {
     pub fn new(
         seed: u64,
         mut outcomes: Vec<Outcome>,
-        with_hardware: &[(&'static Kind, Vec<(Hardware, Vec<Outcome>)>)],
+        with_hardware: &[(&'static Kind, Columns)],
     ) -> Summary {
         let of = |outcome: &Outcome| (outcome.case % KINDS.len() as u64) as usize;
         let mut kinds: Vec<OfKind> = KINDS

@@ -258,6 +258,8 @@ struct Schedule {
 ///
 /// # Errors
 /// The case's rig does not fit.
+// A tick from top to bottom, in the order in which things happen.
+#[allow(clippy::too_many_lines)]
 pub fn run(
     case: &Case,
     settings: &Settings,
