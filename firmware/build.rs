@@ -4,9 +4,11 @@ use std::{env, fs, path::PathBuf, process::Command};
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy("../memory.x", out.join("memory.x")).expect("memory.x stands at the top level");
+    fs::copy("memory.x", out.join("memory.x")).expect("memory.x stands beside this");
     println!("cargo:rustc-link-search={}", out.display());
-    println!("cargo:rerun-if-changed=../memory.x");
+    // The logs' sections; here, as not every program for this CPU logs.
+    println!("cargo:rustc-link-arg=-Tdefmt.x");
+    println!("cargo:rerun-if-changed=memory.x");
 
     // Outside of a repository the commit is unknown: zero.
     let commit = git(&["rev-parse", "--short=8", "HEAD"]).unwrap_or("0".into());

@@ -1,5 +1,8 @@
-//! The board: clocks and times, asserted at compile time, and all devices set up. The pins, and
-//! what differs between boards, stand in a file of their own, chosen by a cargo feature.
+//! The board: clocks and times, asserted at compile time, and all devices set up. What differs
+//! between boards stands in a file of its own, chosen by a cargo feature; those we have share
+//! their pins.
+
+mod pins;
 
 #[cfg(feature = "nucleo-f446re")]
 mod nucleo_f446re;
@@ -18,7 +21,7 @@ use crate::link::Link;
 use crate::valve::Valve;
 use crate::watchdog::Watchdog;
 use core::num::NonZeroU32;
-use model_core::link::{Crash, Identity, ResetCause, SettingsSource};
+use model_core::link::{Identity, Note, ResetCause, SettingsSource};
 use stm32f4xx_hal::dma::StreamsTuple;
 use stm32f4xx_hal::pac::{self, TIM2, TIM3};
 use stm32f4xx_hal::prelude::*;
@@ -113,7 +116,7 @@ impl Parts {
 }
 
 /// What the board tells of itself; its counters are still zero.
-pub fn identity(reset: ResetCause, crash: Option<Crash>, settings: SettingsSource) -> Identity {
+pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Identity {
     let number = |text: &str| text.parse().unwrap_or(0);
     Identity {
         firmware: [
@@ -125,7 +128,8 @@ pub fn identity(reset: ResetCause, crash: Option<Crash>, settings: SettingsSourc
         board: BOARD,
         cpu_hz: SYSCLK_HZ,
         reset,
-        crash,
+        crash: note.crash,
+        fault: note.fault,
         settings,
         stack_free_bytes: 0,
         frames_rejected: 0,

@@ -1,13 +1,15 @@
-//! What stops the firmware: the valve first, then a note that survives the reset.
+//! What stops the firmware: the valve first, then a note that survives the reset. The controller's
+//! fault is noted too.
 
 use crate::valve;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::exception;
-use model_core::link::{self, Crash, FRAME_LEN_MAX};
+use model_core::link::{self, Crash, FRAME_LEN_MAX, Note};
+use model_core::supervisor::Fault;
 
-/// Long enough for any [`Crash`] as a frame.
+/// Long enough for any [`Note`] as a frame.
 const NOTE_LEN: usize = 48;
 
 /// The note, as a frame of the link: its checksum tells it from what RAM holds after power-on.
@@ -16,21 +18,42 @@ const NOTE_LEN: usize = 48;
 #[unsafe(link_section = ".uninit.crash")]
 static NOTE: [AtomicU8; NOTE_LEN] = [const { AtomicU8::new(0) }; NOTE_LEN];
 
-/// The note of a crash before this reset; it is told once.
-pub fn take_note() -> Option<Crash> {
-    let mut decoder = link::Decoder::new();
-    let mut bytes = NOTE.iter().map(|byte| byte.swap(0, Relaxed));
-    bytes.find_map(|byte| decoder.push::<Crash>(byte))?.ok()
+/// The note from before this reset; it is told once.
+pub fn take_note() -> Note {
+    let note = read_note();
+    for byte in &NOTE {
+        byte.store(0, Relaxed);
+    }
+    note
 }
 
-fn stop(crash: &Crash) -> ! {
-    cortex_m::interrupt::disable();
-    valve::make_safe();
-    if let Ok(note) = link::encode(crash, &mut [0; FRAME_LEN_MAX]) {
-        for (place, byte) in NOTE.iter().zip(note) {
+/// Notes that `fault` is latched, or that none is any more.
+pub fn note_fault(fault: Option<Fault>) {
+    write_note(&Note { crash: None, fault });
+}
+
+fn read_note() -> Note {
+    let mut decoder = link::Decoder::new();
+    let mut bytes = NOTE.iter().map(|byte| byte.load(Relaxed));
+    let note = bytes.find_map(|byte| decoder.push::<Note>(byte));
+    note.and_then(Result::ok).unwrap_or_default()
+}
+
+fn write_note(note: &Note) {
+    if let Ok(frame) = link::encode(note, &mut [0; FRAME_LEN_MAX]) {
+        for (place, byte) in NOTE.iter().zip(frame) {
             place.store(*byte, Relaxed);
         }
     }
+}
+
+fn stop(crash: Crash) -> ! {
+    cortex_m::interrupt::disable();
+    valve::make_safe();
+    write_note(&Note {
+        crash: Some(crash),
+        ..read_note()
+    });
     SCB::sys_reset()
 }
 
@@ -42,7 +65,7 @@ fn panic(info: &PanicInfo) -> ! {
     for (place, byte) in file_end.iter_mut().rev().zip(file.bytes().rev()) {
         *place = byte;
     }
-    stop(&Crash::Panic { line, file_end })
+    stop(Crash::Panic { line, file_end })
 }
 
 /// The stack pointer may be outside of the RAM: takes the stack anew before anything is pushed.
@@ -65,7 +88,7 @@ extern "C" fn hard_fault(sp: u32) -> ! {
     let stack = stack();
     // Eight registers were pushed, in this order: r0 to r3, r12, lr, pc, xpsr.
     if !(stack.start..stack.end - 32).contains(&sp) {
-        stop(&Crash::StackOverflow { sp });
+        stop(Crash::StackOverflow { sp });
     }
     #[allow(unsafe_code)]
     // SAFETY: these eight words lie within the stack.
@@ -76,14 +99,14 @@ extern "C" fn hard_fault(sp: u32) -> ! {
     #[allow(unsafe_code)]
     // SAFETY: a register that may be read at any time.
     let cfsr = unsafe { (*SCB::PTR).cfsr.read() };
-    stop(&Crash::HardFault { pc, lr, cfsr })
+    stop(Crash::HardFault { pc, lr, cfsr })
 }
 
 #[allow(unsafe_code)]
 // SAFETY: this handler uses nothing that it may have interrupted: it does not return.
 #[exception]
 unsafe fn DefaultHandler(interrupt: i16) -> ! {
-    stop(&Crash::Interrupt(interrupt))
+    stop(Crash::Interrupt(interrupt))
 }
 
 /// Where the stack may be.

@@ -87,16 +87,16 @@ mod app {
         change_queue: Queue<Change, 8> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
-        let crash = crash::take_note();
+        let note = crash::take_note();
         let reset = watchdog::reset_cause(&cx.device.RCC);
         let mut parts = Parts::new(cx.device, cx.core);
         let (settings, source) = parts.store.load();
         defmt::info!(
-            "reset: {}, crash: {}",
+            "reset: {}, before it: {}",
             defmt::Debug2Format(&reset),
-            defmt::Debug2Format(&crash)
+            defmt::Debug2Format(&note)
         );
-        let identity = board::identity(reset, crash, source);
+        let identity = board::identity(reset, note, source);
 
         let (to_tick, commands) = cx.local.command_queue.split();
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
@@ -167,6 +167,7 @@ mod app {
             link.send(telemetry);
             let change = (telemetry.output.mode, telemetry.output.fault);
             if core::mem::replace(local.last_change, change) != change {
+                crash::note_fault(telemetry.output.fault);
                 // What is not logged is in the telemetry.
                 let _ = local.to_log.enqueue(change);
             }

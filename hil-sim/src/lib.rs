@@ -1,14 +1,18 @@
 //! The muscle plant, the closed loop with the real controller, and its reports.
 
+pub mod check;
 pub mod closed_loop;
 pub mod design;
 pub mod design_report;
+pub mod diagnose;
 pub mod effects;
 pub mod emulated;
 pub mod error;
+pub mod experiment;
 pub mod faults;
 pub mod gap;
 pub mod hil;
+pub mod import;
 pub mod initial;
 pub mod link;
 pub mod mcap;

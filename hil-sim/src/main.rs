@@ -10,7 +10,7 @@ use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
 use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, hil, replay};
+use hil_sim::{hil, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -48,8 +48,16 @@ enum Command {
     Paper(cmd::paper::Args),
     /// The flow gain a valve must have, and how stiff the input may be
     Design(cmd::design::Args),
+    /// Is a record fit for a diagnosis?
+    Check(cmd::check::Args),
+    /// Make a record of a CSV or MATLAB file with other names and units
+    Import(cmd::import::Args),
+    /// Write the reference pressure of the next experiment
+    Experiment(cmd::experiment::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
+    /// Find where simulation and measurement disagree, and name the missing effect
+    Diagnose(cmd::diagnose::Args),
     /// Rig files
     Rig(cmd::rig::Args),
     /// Shell completions
@@ -64,8 +72,6 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
-    #[error(transparent)]
     Link(#[from] LinkError),
 }
 
@@ -73,7 +79,7 @@ impl From<hil::Error> for Failure {
     fn from(error: hil::Error) -> Failure {
         match error {
             hil::Error::Link(error) => error.into(),
-            hil::Error::ClosedLoop(error) => error.into(),
+            hil::Error::Input(error) => error.into(),
             hil::Error::NotWritten(error) => error.into(),
         }
     }
@@ -101,7 +107,11 @@ fn main() -> ExitCode {
         },
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
+        Some(Command::Check(args)) => cmd::check::run(&args),
+        Some(Command::Import(args)) => cmd::import::run(&args),
+        Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
+        Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

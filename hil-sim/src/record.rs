@@ -183,13 +183,10 @@ impl Record {
 
     fn begins_with_a_reference(&self) -> Result<(), BadInput> {
         match self.column(PRESSURE_REF_PA) {
-            Some([first, ..]) if first.is_nan() => Err(BadInput {
-                line: self.line(0),
-                ..self.bad(
-                    PRESSURE_REF_PA,
-                    "a reference in the first row, as it is held, found none",
-                )
-            }),
+            Some([first, ..]) if first.is_nan() => {
+                let expected = "a reference in the first row, as it is held, found none";
+                Err(self.bad_cell(PRESSURE_REF_PA, 0, expected))
+            }
             _ => Ok(()),
         }
     }
@@ -251,12 +248,21 @@ impl Record {
         present.then_some(values)
     }
 
+    /// The record has this known column, and no sample in it.
+    pub fn is_empty_column(&self, name: &str) -> bool {
+        self.cells(name).is_some() && self.column(name).is_none()
+    }
+
     fn cells(&self, name: &str) -> Option<&[f64]> {
+        match self.find(name)? {
+            Cells::Numbers(values) => Some(values),
+            Cells::Text(_) => None,
+        }
+    }
+
+    fn find(&self, name: &str) -> Option<&Cells> {
         let mut columns = self.columns.iter().flatten();
-        columns.find_map(|(known, cells)| match cells {
-            Cells::Numbers(values) if known == name => Some(values.as_slice()),
-            _ => None,
-        })
+        columns.find_map(|(known, cells)| (known == name).then_some(cells))
     }
 
     /// As [`Record::column`].
@@ -272,13 +278,10 @@ impl Record {
 
     /// An unknown column's words; `None` if the record lacks it.
     pub fn text(&self, name: &str) -> Option<&[String]> {
-        self.columns
-            .iter()
-            .flatten()
-            .find_map(|(known, cells)| match cells {
-                Cells::Text(words) if known == name => Some(words.as_slice()),
-                _ => None,
-            })
+        match self.find(name)? {
+            Cells::Text(words) => Some(words),
+            Cells::Numbers(_) => None,
+        }
     }
 
     /// As [`Record::text`].
@@ -296,6 +299,19 @@ impl Record {
             place: Some(format!("column `{column}`")),
             ..BadInput::file(&self.file, expected)
         }
+    }
+
+    /// Bad input in a column's `row`.
+    pub fn bad_cell(&self, column: &str, row: usize, expected: &str) -> BadInput {
+        BadInput {
+            line: self.line(row),
+            ..self.bad(column, expected)
+        }
+    }
+
+    /// Bad input in the record as a whole.
+    pub fn bad_file(&self, expected: &str) -> BadInput {
+        BadInput::file(&self.file, expected)
     }
 
     /// Bad input at `time_s` of the record.
@@ -413,26 +429,32 @@ fn number(column: &str, cell: &str) -> Result<f64, String> {
     if cell.is_empty() {
         return Ok(f64::NAN);
     }
-    let range = KNOWN.iter().find(|(known, ..)| *known == column);
-    let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
     match cell.parse::<f64>() {
-        Ok(value) if value >= *min && value <= *max => Ok(value),
-        Ok(value) if value.is_finite() => {
-            Err(format!("a number from {min} to {max}, found {cell}"))
-        }
+        Ok(value) if value.is_finite() => in_range(column, value),
         _ => Err(format!("a number or an empty cell, found `{cell}`")),
     }
 }
 
+/// The value of a known column, if it can have it on any rig of this kind.
+pub(crate) fn in_range(column: &str, value: f64) -> Result<f64, String> {
+    let range = KNOWN.iter().find(|(known, ..)| *known == column);
+    let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
+    if (*min..=*max).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("a number from {min} to {max}, found {value}"))
+    }
+}
+
 /// Where a row begins, from where the reader began to look for it: blank lines are no rows.
-fn content(bytes: &[u8], position: Option<&csv::Position>) -> usize {
+pub(crate) fn content(bytes: &[u8], position: Option<&csv::Position>) -> usize {
     let from = position.map_or(0, |position| position.byte() as usize);
     let rest = bytes.get(from..).unwrap_or_default();
     let blank = rest.iter().take_while(|byte| matches!(byte, b'\r' | b'\n'));
     from.min(bytes.len()) + blank.count()
 }
 
-fn newlines(bytes: &[u8]) -> usize {
+pub(crate) fn newlines(bytes: &[u8]) -> usize {
     bytes.iter().filter(|byte| **byte == b'\n').count()
 }
 

@@ -159,6 +159,25 @@ fn a_rig_file_is_not_overwritten() {
 }
 
 #[test]
+fn the_finger_s_record_is_not_overwritten() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["rig", "new"]);
+    std::fs::create_dir(path.join("out")).expect("a folder");
+    let record = path.join("out/assist.csv");
+    let finger = "time_s,finger_m\n0,0\n1,0.01\n";
+    std::fs::write(&record, finger).expect("written");
+    let finger_s = ["--rig", "rig.toml", "--finger", "out/../out/assist.csv"];
+    for command in ["run", "hil"] {
+        let output = hil_sim(path, &[&[command][..], &finger_s].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains("would be overwritten"), "{message}");
+        assert_eq!(std::fs::read_to_string(&record).expect("there"), finger);
+    }
+}
+
+#[test]
 fn help_completions_and_bad_arguments() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();

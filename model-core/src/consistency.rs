@@ -1,6 +1,5 @@
 //! Do the sensors fit each other, and the muscle its reference? What no single reading tells.
 
-use crate::muscle::Muscle;
 use crate::plausibility::Tally;
 use crate::pressure::GaugePa;
 use crate::settings::{STOP_CONTRACTION, SettingsValues, TICK_S};
@@ -132,22 +131,4 @@ impl ForceBalance {
     pub fn has_failed(&self, values: &SettingsValues) -> bool {
         self.astray.is_full(values.suspect_ticks)
     }
-}
-
-/// Rate of the reference pressure \[Pa/s\] that moves a weight at `speed_m_per_s`.
-///
-/// Where the force stays, Eq 1 has f_p dP = f_c dε: dP/dt = (v/L) f_c/f_p. Below the pressure at
-/// which the muscle at its full length begins to pull, it moves nothing: that pressure counts.
-pub(crate) fn moving_rate_pa_per_s(
-    values: &SettingsValues,
-    speed_m_per_s: f32,
-    contraction: f32,
-    pressure_pa: f32,
-) -> f32 {
-    let muscle: &Muscle<f32> = &values.muscle;
-    let contraction = contraction.max(0.0).min(values.contraction_max);
-    let begins_pa = -muscle.gamma_n / muscle.force_per_pressure_m2(0.0);
-    let stiffness_n = muscle.stiffness_n(contraction, GaugePa(pressure_pa.max(begins_pa)));
-    let slope_pa = stiffness_n / muscle.force_per_pressure_m2(contraction);
-    speed_m_per_s / muscle.initial_length_m * slope_pa
 }

@@ -8,7 +8,7 @@
 //! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
 
 use crate::assist::reference_force_n;
-use crate::consistency::{ForceBalance, PressureFollower, moving_rate_pa_per_s};
+use crate::consistency::{ForceBalance, PressureFollower};
 use crate::frame::{Output, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
@@ -424,8 +424,12 @@ fn next_reference_pa(
     let values = settings.values();
     let now_pa = state.pressure_ref_pa;
     let moving_pa_per_s = if switches.on(SafetyFunction::ReferenceSpeed) {
-        let speed_m_per_s = values.reference_speed_m_per_s_max;
-        moving_rate_pa_per_s(values, speed_m_per_s, target.contraction, now_pa)
+        let contraction = target.contraction.max(0.0).min(values.contraction_max);
+        values.muscle.moving_rate_pa_per_s(
+            values.reference_speed_m_per_s_max,
+            contraction,
+            GaugePa(now_pa),
+        )
     } else {
         f32::MAX
     };

@@ -12,7 +12,8 @@
 //! ```
 //!
 //! Arithmetic is plain: + − × ÷, comparisons and conversions, all of which IEEE 754 defines to the
-//! bit, so that a record replays on the PC exactly as it ran on the board.
+//! bit, so that a record replays on the PC exactly as it ran on the board. (`max` and `min` leave
+//! open which of +0 and −0 they return: no result depends on that. `tests/cortex-m` compares.)
 #![cfg_attr(not(test), no_std)]
 #![cfg_attr(
     not(test),

@@ -24,8 +24,9 @@ pub fn reference_pressure<T: FloatCore>(
     let limited = contraction.min(contraction_max).max(T::zero());
     let area_m2 = muscle.force_per_pressure_m2(limited);
     let pressure_pa = (reference_force_n - muscle.gamma_n) / area_m2;
-    if area_m2 > T::zero() && pressure_pa > T::zero() {
-        GaugePa(pressure_pa.min(supply.0).max(T::zero()))
+    // No limit below zero, and none of two zeros, of which machines differ in the sign.
+    if area_m2 > T::zero() && pressure_pa > T::zero() && supply.0 > T::zero() {
+        GaugePa(pressure_pa.min(supply.0))
     } else {
         GaugePa(T::zero())
     }

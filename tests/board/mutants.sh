@@ -1,52 +1,85 @@
 #!/usr/bin/env bash
-# Breaks the firmware in one place at a time, and shows that the tests on the emulated board notice.
-# Needs the cross toolchain (scripts/setup-cross.sh). Prints one line a mutant; fails if one lives.
-# With an argument: only mutants whose name contains it.
+# Breaks the firmware in one place at a time, and shows which tests on the emulated board notice.
+# Needs the cross toolchain (scripts/setup-cross.sh). Prints what was broken and the tests that
+# failed; fails if a mutant lives. With an argument: only mutants whose name contains it.
+#
+# What is broken is a copy of the last commit: the working tree is never touched.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 only=${1:-}
+if [ -n "$(git status --porcelain -- firmware model-core hil-sim tests/board)" ]; then
+    echo 'expected committed firmware and tests: the mutants are made from the last commit' >&2
+    exit 2
+fi
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
+trap 'exit 130' INT TERM
 # The mutants' own place, and the tests', which are built once.
 firmware_dir=${MUTANTS_TARGET_DIR:-$PWD/target/mutants}
 tests_dir=${CARGO_TARGET_DIR:-$PWD/tests/board/target}
 target=thumbv7em-none-eabihf
 survivors=0
 
-# name, file, then a program for sed that must change the file
-mutant() {
-    local name=$1 file=$2 program=$3 verdict
-    [[ $name == *$only* ]] || return 0
+# Puts the copy as it was committed into $work/tree.
+fresh_copy() {
     rm -rf "$work/tree"
     mkdir "$work/tree"
     git archive HEAD | tar -x -C "$work/tree"
-    sed -i -E "$program" "$work/tree/$file"
-    if git diff --quiet --no-index "$file" "$work/tree/$file"; then
-        printf '%-44s NOT APPLIED: %s has changed\n' "$name" "$file"
-        survivors=$((survivors + 1))
-        return
-    fi
-    if ! (cd "$work/tree" && CARGO_TARGET_DIR=$firmware_dir cargo firmware) 2>"$work/log"; then
-        verdict='caught: does not compile'
-    elif FIRMWARE=$firmware_dir/$target/release/firmware CARGO_TARGET_DIR=$tests_dir \
-        cargo test -q --release --manifest-path tests/board/Cargo.toml \
-        --test firmware -- --skip power_cuts --skip hundred_thousand >"$work/log" 2>&1; then
-        verdict='SURVIVED'
-        survivors=$((survivors + 1))
-    else
-        verdict="caught by $(sort -u "$work/log" | grep -c '^    [a-z]*::[a-z_0-9]*$' || true) tests"
-    fi
-    printf '%-44s %s\n' "$name" "$verdict"
 }
 
+build() { (cd "$work/tree" && CARGO_TARGET_DIR=$firmware_dir cargo firmware) >"$work/log" 2>&1; }
+
+# The tests know nothing of the cross toolchain.
+passes() {
+    FIRMWARE=$firmware_dir/$target/release/firmware CARGO_TARGET_DIR=$tests_dir \
+        env -u RUSTUP_TOOLCHAIN cargo test -q --release --manifest-path tests/board/Cargo.toml \
+        --test firmware -- --skip power_cuts --skip hundred_thousand >"$work/log" 2>&1
+}
+
+# The tests that failed.
+failed() { sed -n 's/^    \([a-z]*::[a-z_0-9]*\)$/\1/p' "$work/log" | sort -u; }
+
+# name, file, then a program for sed that must change the file
+mutant() {
+    local name=$1 file=$2 program=$3
+    [[ $name == *$only* ]] || return 0
+    fresh_copy
+    sed -i -E "$program" "$work/tree/$file"
+    if git show "HEAD:$file" | cmp -s - "$work/tree/$file"; then
+        printf '%s: NOT APPLIED, %s has changed\n' "$name" "$file"
+    elif ! build; then
+        printf '%s: DOES NOT COMPILE\n' "$name"
+    elif passes; then
+        printf '%s: SURVIVED\n' "$name"
+    elif [ -z "$(failed)" ]; then
+        printf '%s: NOT TESTED\n' "$name"
+        tail -n 5 "$work/log"
+    else
+        printf '%s: caught by %d tests\n' "$name" "$(failed | wc -l)"
+        failed | sed 's/^/    /'
+        return
+    fi
+    survivors=$((survivors + 1))
+}
+
+fresh_copy
+if ! build || ! passes; then
+    echo 'unbroken: FAILS, so that nothing can be told'
+    tail -n 5 "$work/log"
+    exit 1
+fi
+
 src=firmware/src
-mutant 'encoder counts the other way' $src/encoder.rs 's/self\.0\.count\(\)/self.0.count().wrapping_neg()/'
-mutant 'ADC channels exchanged' $src/adc.rs \
+mutant 'encoder channels swapped (it counts the other way)' $src/encoder.rs \
+    's/self\.0\.count\(\)/self.0.count().wrapping_neg()/'
+mutant 'ADC channels wrong' $src/adc.rs \
     's/configure_channel\(&bridge/configure_channel(\&X/; s/configure_channel\(&pressure/configure_channel(\&bridge/; s/configure_channel\(&X/configure_channel(\&pressure/'
 mutant 'DAC not enabled' $src/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
 mutant 'DAC buffer left on' $src/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
-mutant 'watchdog not started' $src/watchdog.rs 's/iwdg\.kr\(\)\.write\(\|w\| w\.key\(\)\.start\(\)\);//; s/while iwdg.*\{\}//'
+mutant 'valve left as it is by a crash' $src/crash.rs 's/valve::make_safe\(\);//'
+mutant 'watchdog not started' $src/watchdog.rs \
+    's/iwdg\.kr\(\)\.write\(\|w\| w\.key\(\)\.start\(\)\);//; s/while iwdg.*\{\}//'
 mutant 'watchdog never fed' $src/main.rs 's/local\.watchdog\.feed\(\);//'
 mutant 'tick at 11 ms' $src/adc.rs 's/TICK_COUNTS - 1/TICK_COUNTS + 999/'
 mutant '12 ms blocked above the tick' $src/main.rs \

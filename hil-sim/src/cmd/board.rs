@@ -72,5 +72,8 @@ pub fn in_words(identity: &Identity) -> String {
     if let Some(crash) = identity.crash {
         words += &format!(", which has crashed before: {crash:?}");
     }
+    if let Some(fault) = identity.fault {
+        words += &format!(", whose controller had latched {fault:?} before the reset");
+    }
     words
 }

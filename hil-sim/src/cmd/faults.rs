@@ -2,7 +2,7 @@
 
 use super::{Common, Progress, print};
 use crate::Failure;
-use hil_sim::closed_loop::Error;
+use hil_sim::error::BadInput;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{Decides, KINDS, Kind};
 use hil_sim::faults::report::{Summary, report};
@@ -10,7 +10,6 @@ use hil_sim::faults::run::Outcome;
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
 use hil_sim::recorder::Recorder;
-use hil_sim::rig::Rig;
 use rayon::prelude::*;
 
 /// The fault campaign: one fault at a time in the closed loop, and what becomes of the weight
@@ -56,18 +55,17 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
     if let Some(number) = args.case {
         return one(args, &common, number);
     }
-    let of_rig = |error: Error| error.of(&Rig::reference());
     let progress = Progress::new("breaking", args.cases);
     let cases = (0..args.cases).into_par_iter();
     let cases = cases.map(|number| Case::new(args.seed, number));
-    let outcomes = run_all(cases, None, || progress.step()).map_err(of_rig)?;
+    let outcomes = run_all(cases, None, || progress.step())?;
     drop(progress);
     let mut with_hardware = Vec::new();
     for kind in KINDS
         .iter()
         .filter(|kind| kind.decides != Decides::Controller)
     {
-        let of_kind = |hardware| again(args.seed, kind, hardware).map_err(of_rig);
+        let of_kind = |hardware| again(args.seed, kind, hardware);
         let mut columns = vec![(Hardware::None, of_kind(Hardware::None)?)];
         for hardware in Hardware::ALL {
             columns.push((hardware, of_kind(hardware)?));
@@ -84,7 +82,7 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
     Ok(all_within)
 }
 
-fn again(seed: u64, kind: &'static Kind, hardware: Hardware) -> Result<Vec<Outcome>, Error> {
+fn again(seed: u64, kind: &'static Kind, hardware: Hardware) -> Result<Vec<Outcome>, BadInput> {
     let cases = (0..WITH_HARDWARE).into_par_iter().map(|number| Case {
         hardware,
         ..Case::of(kind, seed, number)
@@ -102,7 +100,7 @@ fn one(args: &Args, common: &Common, number: u64) -> Result<bool, Failure> {
             written = recorder.push(&tick.row());
         }
     });
-    let outcome = outcome.map_err(|error| error.of(&Rig::reference()))?;
+    let outcome = outcome?;
     written?;
     recorder.finish()?;
     // A plain struct of numbers and words.

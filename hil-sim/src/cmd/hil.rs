@@ -84,6 +84,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         true => Vec::from(valves(&rig)?),
         false => vec![("assist", rig)],
     };
+    for (name, _) in &rigs {
+        let record = args.common.out.join(super::record_name(name));
+        args.scenario.spares(&record)?;
+    }
     let mut board = connect(args.port.as_deref())?;
     let words = in_words(&board.identity);
     eprintln!("seed: {}", args.scenario.seed);
@@ -198,9 +202,7 @@ fn one(
     name: &str,
     job: &Job,
 ) -> Result<Done, Failure> {
-    let path = args
-        .common
-        .path(&format!("{}.csv", name.replace(' ', "-")))?;
+    let path = args.common.record_path(name)?;
     let recorder = Recorder::create(&path)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
     // The record of what the board did, against the controller of this program.
@@ -286,8 +288,9 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
             text: vec![format!("The controller ran on: {board}.")],
             tables: vec![tracking_table(&runs), tables],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
-        repeat: vec![std::env::args().collect::<Vec<_>>().join(" ")],
+        repeat: Vec::new(),
     };
     let summary = Summary {
         seed: args.scenario.seed,

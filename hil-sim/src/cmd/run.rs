@@ -1,8 +1,8 @@
 //! `hil-sim run`.
 
-use super::{Common, Progress};
+use super::{Common, Progress, between};
 use crate::Failure;
-use hil_sim::closed_loop::{CHECKED_S, Error, Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
@@ -10,7 +10,7 @@ use hil_sim::record::{FINGER_M, Record};
 use hil_sim::report::{Report, Section};
 use hil_sim::rig::Rig;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The assist experiment: a finger lifts and holds the weight through the muscle
 ///
@@ -72,14 +72,6 @@ pub struct Scenario {
 /// The longest run \[s\].
 const DURATION_S_MAX: f64 = 1e3;
 
-/// Reads a number from `min` to `max`.
-pub fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
-    move |text| match text.parse() {
-        Ok(value) if (min..=max).contains(&value) => Ok(value),
-        _ => Err(format!("expected a number from {min} to {max}")),
-    }
-}
-
 #[derive(Serialize)]
 struct Summary {
     seed: u64,
@@ -135,6 +127,17 @@ impl Scenario {
             ..Experiment::PAPER
         })
     }
+
+    /// Refuses to write at `path` where that is the finger's record.
+    pub fn spares(&self, path: &Path) -> Result<(), BadInput> {
+        match &self.finger {
+            Some(finger) if same_file(finger, path) => {
+                let expected = "another --out, as the finger's record would be overwritten";
+                Err(BadInput::file(path.display().to_string(), expected))
+            }
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Runs the command.
@@ -142,23 +145,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let common = &args.common;
     let rig = common.rig()?;
     let experiment = args.scenario.experiment()?;
-    let runs = runs(args, &rig, &experiment).map_err(|error| error.of(&rig))?;
+    let runs = runs(args, &rig, &experiment)?;
     eprintln!("seed: {}", args.scenario.seed);
     let mut summary = Summary {
         seed: args.scenario.seed,
         runs: Vec::new(),
     };
     for run in &runs {
-        let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
-        if args
-            .scenario
-            .finger
-            .as_ref()
-            .is_some_and(|finger| same_file(finger, &path))
-        {
-            let expected = "another --out, as the finger's record would be overwritten";
-            return Err(BadInput::file(path.display().to_string(), expected).into());
-        }
+        let path = common.record_path(&run.name)?;
+        args.scenario.spares(&path)?;
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
             name: run.name.clone(),
@@ -167,7 +162,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 .ticks
                 .last()
                 .map(|tick| format!("{:?}", tick.output.mode)),
-            fault: fault(run),
+            fault: run.fault(),
             record: path.display().to_string(),
         });
     }
@@ -181,6 +176,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             ],
             tables: vec![tracking_table(&runs)],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     };
@@ -188,20 +184,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both of the paper's valves, or the rig's.
-fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
-    let valves = if args.common.rig.is_none() { 2.0 } else { 1.0 };
+fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, BadInput> {
+    let both = args.common.is_reference();
+    let valves = if both { 2.0 } else { 1.0 };
     let ticks = (valves * experiment.duration_s / TICK_S) as u64;
     let progress = Progress::new("running", ticks);
-    match args.common.rig {
-        None => both_valves(rig, experiment, &|| progress.step()),
-        Some(_) => Ok(vec![assist("assist", rig, experiment, &|| {
-            progress.step()
-        })?]),
+    let tick_done = || progress.step();
+    if both {
+        both_valves(rig, experiment, &tick_done)
+    } else {
+        Ok(vec![assist("assist", rig, experiment, &tick_done)?])
     }
-}
-
-/// The fault that the controller had latched at the end of a run.
-fn fault(run: &AssistRun) -> Option<String> {
-    let fault = run.ticks.last()?.output.fault?;
-    Some(format!("{fault:?}"))
 }

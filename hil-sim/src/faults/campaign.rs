@@ -3,7 +3,8 @@
 use super::Case;
 use super::run::{Outcome, run, settings};
 use super::unit::OnPc;
-use crate::closed_loop::{Error, Tick};
+use crate::closed_loop::Tick;
+use crate::error::BadInput;
 use model_core::safety::SafetyFunction;
 use rayon::prelude::*;
 
@@ -15,7 +16,7 @@ pub fn run_case(
     case: &Case,
     without: Option<SafetyFunction>,
     seen: impl FnMut(&Tick),
-) -> Result<Outcome, Error> {
+) -> Result<Outcome, BadInput> {
     let (settings, known) = settings(case)?;
     let mut unit = OnPc::new(settings, without);
     let mut outcome = run(case, &settings, &mut unit, seen)?;
@@ -33,7 +34,7 @@ pub fn run_all(
     cases: impl ParallelIterator<Item = Case>,
     without: Option<SafetyFunction>,
     done: impl Fn() + Sync,
-) -> Result<Vec<Outcome>, Error> {
+) -> Result<Vec<Outcome>, BadInput> {
     cases
         .map(|case| {
             let outcome = run_case(&case, without, |_| {});

@@ -5,7 +5,8 @@ use super::kind::{Inject, Instrument, Kind, LinkFault, TickFault};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Told, Unit, frame};
 use super::{ASKS_S, Case, Moment};
-use crate::closed_loop::{self, Error, Experiment, Hand, TICK_S, Tick};
+use crate::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
+use crate::error::BadInput;
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated, Term};
 use model_core::device::{Command, Pins};
@@ -190,7 +191,7 @@ fn noise_on_link(fault: LinkFault, size: f64, first: bool, random: &mut impl Rng
 }
 
 /// The plant of a case, its faults and hardware in it.
-fn plant(case: &Case) -> Result<Plant, Error> {
+fn plant(case: &Case) -> Result<Plant, BadInput> {
     let mut plant = Plant::new(&case.rig, Simulated::WHOLE)?;
     let valve = case.rig.require_valve()?;
     let (begins_s, size) = (case.fault_s, case.size);
@@ -265,7 +266,7 @@ pub fn run(
     settings: &Settings,
     unit: &mut impl Unit,
     mut seen: impl FnMut(&Tick),
-) -> Result<Outcome, Error> {
+) -> Result<Outcome, BadInput> {
     let values = settings.values();
     let plant = plant(case)?;
     let hand = Hand {
@@ -639,7 +640,7 @@ impl Watch<'_> {
 ///
 /// # Errors
 /// The rig does not fit a board.
-pub fn settings(case: &Case) -> Result<(Settings, bool), Error> {
+pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
     let nominal = crate::rig::Rig::reference();
     match case.kind.inject {
         Inject::Settings(fault) => {

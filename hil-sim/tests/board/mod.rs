@@ -1,7 +1,11 @@
 //! A board in memory: model-core's device behind the link, on a wire that may be bad.
 
 // Not every test uses all of it.
-#![allow(dead_code)]
+#![allow(dead_code, unused_imports)]
+
+mod wander;
+
+pub use wander::wander;
 
 use hil_sim::link::{Port, PortError};
 use model_core::device::{Command, Device, Pins};
@@ -132,6 +136,7 @@ impl DeviceBoard {
             cpu_hz: 180_000_000,
             reset: ResetCause::Pin,
             crash: None,
+            fault: None,
             settings: SettingsSource::Reference,
             stack_free_bytes: 0,
             frames_rejected: self.frames_rejected,
@@ -209,34 +214,5 @@ impl Port for DeviceBoard {
         }
         received.append(&mut self.to_pc);
         Ok(passed)
-    }
-}
-
-/// Sensors that wander through everything the controller may do, faults included.
-pub fn wander(tick: u32) -> Sensors {
-    let noise = (tick.wrapping_mul(2_654_435_761) >> 30) as f64;
-    // At rest, then up and down.
-    let swing = ((f64::from(tick % 1_000) - 200.0) / 550.0).clamp(0.0, 1.0);
-    let lift = (swing * std::f64::consts::PI).sin().powi(2);
-    let request = match tick % 1_000 {
-        110 => Request::Assist,
-        600 => Request::Hold,
-        650 => Request::Assist,
-        800 => Request::Vent,
-        970 => Request::Reset,
-        _ => Request::None,
-    };
-    let broken = tick % 10_000 > 9_400 && tick % 10_000 < 9_420;
-    let pressure = if broken {
-        0.0
-    } else {
-        409.0 + 1_500.0 * lift + noise
-    };
-    Sensors {
-        bridge: AdcCount((2048.0 + 700.0 * lift + noise) as u16),
-        pressure: AdcCount(pressure as u16),
-        encoder: EncoderCount((4_000.0 * lift) as u32),
-        missed_ticks: 0,
-        request,
     }
 }

@@ -322,11 +322,12 @@ impl Board {
             .map(|(_, address)| *address)
     }
 
-    /// Address of the symbol whose name contains `part`, if there is one.
+    /// Address of the first symbol whose mangled name contains `part`.
     pub fn symbol_with(&self, part: &str) -> Option<u32> {
+        let has_part = |(symbol, _): &&(String, u32)| symbol.contains(part);
         self.symbols
             .iter()
-            .find(|(symbol, _)| symbol.contains(part))
+            .find(has_part)
             .map(|(_, address)| *address)
     }
 

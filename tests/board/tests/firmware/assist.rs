@@ -1,14 +1,18 @@
 //! The paper's experiment with the firmware in the loop: the plant moves the pins, the DAC moves
 //! the valve, in lockstep.
 
+#[path = "../../../../hil-sim/tests/board/wander.rs"]
+mod wander;
+
 use crate::rig::{MS, Rig, TICK_NS};
 use hil_sim::closed_loop::{self, Experiment};
 use hil_sim::rig::Rig as PlantRig;
 use model_core::controller::Controller;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::frame::{Output, Sensors};
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{AdcCount, COUNT_MAX, EncoderCount};
+use model_core::signal::COUNT_MAX;
 use std::collections::BTreeSet;
+use wander::wander;
 
 /// The board in place of the controller: each call is one tick.
 struct BoardInTheLoop {
@@ -72,34 +76,6 @@ fn assist_on_the_board_equals_the_controller_on_the_pc_bit_for_bit() {
     println!("{tracking:?}, valve up to {:.2} V", board.volts_max);
     assert!(tracking.lift_m_max > 0.03 && board.volts_max > 0.5);
     board.rig.assert_no_errors();
-}
-
-/// Sensors that wander through everything the controller may do, faults included.
-fn wander(tick: u32) -> Sensors {
-    let noise = (tick.wrapping_mul(2_654_435_761) >> 30) as f64;
-    // at rest, then up and down
-    let swing = ((f64::from(tick % 1_000) - 200.0) / 550.0).clamp(0.0, 1.0);
-    let lift = (swing * std::f64::consts::PI).sin().powi(2);
-    let request = match tick % 1_000 {
-        110 => Request::Assist,
-        600 => Request::Hold,
-        650 => Request::Assist,
-        800 => Request::Vent,
-        970 => Request::Reset,
-        _ => Request::None,
-    };
-    let broken = tick % 10_000 > 9_400 && tick % 10_000 < 9_420;
-    Sensors {
-        bridge: AdcCount((2048.0 + 700.0 * lift + noise) as u16),
-        pressure: AdcCount(if broken {
-            0
-        } else {
-            (409.0 + 1500.0 * lift + noise) as u16
-        }),
-        encoder: EncoderCount((4_000.0 * lift) as u32),
-        missed_ticks: 0,
-        request,
-    }
 }
 
 #[test]

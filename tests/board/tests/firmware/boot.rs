@@ -1,7 +1,7 @@
 //! From power-up to the first tick.
 
 use crate::rig::Rig;
-use model_core::link::{ResetCause, SettingsSource};
+use model_core::link::{FRAME_LEN_MAX, ResetCause, SettingsSource, ToDevice, encode};
 use model_core::supervisor::Mode;
 
 #[test]
@@ -54,13 +54,17 @@ fn reset_button_and_power_are_told_apart() {
 
 #[test]
 fn two_runs_are_equal_to_the_last_instruction() {
+    let mut buffer = [0; FRAME_LEN_MAX];
+    let frame = encode(&ToDevice::Identify, &mut buffer).expect("short enough");
+    // Whole in the end, and cut off anywhere before.
+    let bytes = [&[0], frame].concat();
     let run = || {
         let mut rig = Rig::new()?;
         let mut log = vec![];
         for step in 0..200_i64 {
             rig.board.set_encoder(step * step % 1000 - 300);
             rig.board
-                .link_send(&[0, 2, 1, 5, 190, 35, 194, 88, 0][..(step % 10) as usize]);
+                .link_send(&bytes[..step as usize % (bytes.len() + 1)]);
             rig.run_ms(10);
             log.push((
                 rig.board.instructions(),

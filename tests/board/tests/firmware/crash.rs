@@ -2,7 +2,10 @@
 
 use crate::rig::{MS, Rig};
 use emulated_board::ResetCause as Cause;
-use model_core::link::{Crash, ResetCause};
+use model_core::device::Command;
+use model_core::frame::Request;
+use model_core::link::{Crash, ResetCause, ToDevice};
+use model_core::supervisor::Fault;
 
 /// `b .`
 const ENDLESS_LOOP: [u8; 2] = [0xfe, 0xe7];
@@ -94,6 +97,76 @@ fn undefined_instruction_is_noted_with_its_place() {
     }
 }
 
+/// `movw` and `movt`, which load a register.
+fn load(register: u32, value: u32) -> Vec<u8> {
+    let half = |opcode: u32, value: u32| {
+        let first = opcode | (value >> 11 & 1) << 10 | value >> 12;
+        let second = (value >> 8 & 7) << 12 | register << 8 | value & 0xff;
+        [(first as u16).to_le_bytes(), (second as u16).to_le_bytes()].concat()
+    };
+    [half(0xf240, value & 0xffff), half(0xf2c0, value >> 16)].concat()
+}
+
+/// A file's name, and code that panics in its line 1234.
+fn panic_in(rig: &Rig) -> (&'static str, Vec<u8>) {
+    // A call of core's panic, as the compiler makes it for a division by zero. Its only argument
+    // is a Location, which lies behind the code: the file's name, line and column.
+    let file = "some/folder/of/a_file.rs";
+    let panic = rig.board.symbol_with("panic_const_div_by_zero");
+    let begin = rig.code("TIM3");
+    let location = (begin + 20).next_multiple_of(4);
+    let words = [location + 16, file.len() as u32, 1234, 5].map(u32::to_le_bytes);
+    let mut code = load(0, location);
+    code.extend(load(3, panic.expect("there are divisions")));
+    // bx r3
+    code.extend([0x18, 0x47]);
+    code.resize((location - begin) as usize, 0);
+    code.extend(words.concat());
+    code.extend(file.bytes());
+    (file, code)
+}
+
+#[test]
+fn panic_is_noted_with_its_place() {
+    let Some(mut rig) = Rig::after_ms(1_000) else {
+        return;
+    };
+    let (file, code) = panic_in(&rig);
+    let (cause, _) = sabotage_once(&mut rig, "TIM3", &code);
+    assert_eq!((cause, rig.board.dac_volts(1)), (Cause::Software, 0.0));
+    rig.run_ms(50);
+    let crash = Crash::Panic {
+        line: 1234,
+        file_end: *file.as_bytes().last_chunk().expect("long enough"),
+    };
+    assert_eq!(rig.identity().crash, Some(crash));
+}
+
+/// The reset alone would do it too, but later, and only if it comes.
+#[test]
+fn valve_is_at_zero_volts_before_a_crash_resets_the_board() {
+    for crash in 0..3 {
+        let Some(mut rig) = Rig::after_ms(1_000) else {
+            return;
+        };
+        let assist = Command::Request(Request::Assist);
+        rig.send(&ToDevice::Command(assist));
+        rig.run_ms(300);
+        assert!(rig.board.dac_volts(1) > 0.1);
+        rig.board.dac_events();
+        let code = match crash {
+            0 => UNDEFINED.to_vec(),
+            1 => ENDLESS_PUSH.to_vec(),
+            _ => panic_in(&rig).1,
+        };
+        sabotage_once(&mut rig, "TIM3", &code);
+        let volts: Vec<_> = rig.board.dac_events().iter().map(|e| e.volts).collect();
+        let reset = volts.iter().position(Option::is_none).expect("it floats");
+        let before = volts[..reset].last();
+        assert_eq!(before, Some(&Some(0.0)), "{crash}: {volts:?}");
+    }
+}
+
 #[test]
 fn stack_overflow_is_noted_as_such() {
     let Some(mut rig) = Rig::after_ms(1_000) else {
@@ -108,6 +181,44 @@ fn stack_overflow_is_noted_as_such() {
         matches!(crash, Some(Crash::StackOverflow { .. })),
         "{crash:?}"
     );
+}
+
+/// Lets the encoder leap to `position`, which is a fault; returns it.
+fn provoke_a_fault(rig: &mut Rig, position: i64) -> Option<Fault> {
+    rig.board.set_encoder(position);
+    rig.run_ms(100);
+    let fault = rig.last_telemetry().output.fault;
+    assert!(matches!(fault, Some(Fault::Encoder(_))), "{fault:?}");
+    fault
+}
+
+#[test]
+fn latched_fault_survives_any_reset_but_not_the_power() {
+    let Some(mut rig) = Rig::after_ms(1_000) else {
+        return;
+    };
+    assert_eq!(rig.identity().fault, None);
+    let fault = provoke_a_fault(&mut rig, 1 << 20);
+    sabotage_once(&mut rig, "TIM3", &UNDEFINED);
+    rig.run_ms(50);
+    let identity = rig.identity();
+    assert!(identity.crash.is_some());
+    assert_eq!(identity.fault, fault);
+    rig.run_ms(1_000);
+    let fault = provoke_a_fault(&mut rig, 0);
+    sabotage_once(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
+    rig.run_ms(50);
+    let identity = rig.identity();
+    assert_eq!(
+        (identity.reset, identity.crash, identity.fault),
+        (ResetCause::Watchdog, None, fault)
+    );
+    rig.run_ms(1_000);
+    provoke_a_fault(&mut rig, 1 << 20);
+    rig.board.power_cut();
+    rig.board.power_on();
+    rig.run_ms(50);
+    assert_eq!(rig.identity().fault, None);
 }
 
 #[test]

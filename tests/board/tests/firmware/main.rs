@@ -4,6 +4,7 @@
 
 mod assist;
 mod boot;
+mod budget;
 mod crash;
 mod faults;
 mod link;

@@ -5,14 +5,15 @@ use emulated_board::ExceptionEvent;
 use model_core::link::ToDevice;
 
 /// A tick as the core saw it.
-struct Seen {
+pub struct Seen {
     /// When the interrupt was entered.
-    time_ns: u64,
-    instructions: u64,
+    pub time_ns: u64,
+    /// From there to its return.
+    pub instructions: u64,
 }
 
 /// Ticks in `events`, which begin and end outside of one. What preempted them would count too.
-fn ticks(events: &[ExceptionEvent]) -> Vec<Seen> {
+pub fn ticks(events: &[ExceptionEvent]) -> Vec<Seen> {
     let ticks: Vec<_> = events
         .iter()
         .filter(|e| e.exception == TICK_EXCEPTION)

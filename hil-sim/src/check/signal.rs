@@ -1,0 +1,335 @@
+//! What the samples of one column show.
+
+use super::Finding;
+use crate::record::PRESSURE_REF_PA;
+use serde::Serialize;
+
+/// A change is one when it is so many standard deviations of the noise: white noise alone spans
+/// less over some 10⁸ samples.
+const NOISE_SPAN: f64 = 12.0;
+/// A step, and what has to be gone back for a reversal, is at least this share of the range: one in
+/// twenty can be told by eye.
+const PROMINENT: f64 = 0.05;
+/// What stays within this share of the range is held.
+const HELD: f64 = 0.02;
+/// Differences in one estimate of the noise.
+const NOISE_STRETCH: usize = 50;
+/// Rates and holds are looked at in pieces of this length \[s\], so that noise averages out.
+const PIECE_S: f64 = 0.1;
+/// The share of pieces that are slower than the rate that is told.
+const RATE_SHARE: f64 = 0.95;
+/// So many samples in a row at the exact extreme are no chance where noise is half a step of the
+/// sensor or more: then a sample is the likeliest value with a probability of 0.68 at most.
+const PLATEAU: usize = 50;
+const DITHER: f64 = 0.5;
+/// A spike's height in standard deviations of the noise, and over what goes on around it.
+const SPIKE: f64 = 10.0;
+const SPIKE_ALONE: f64 = 4.0;
+
+/// What one column shows, in its unit.
+#[derive(Clone, Debug, Serialize)]
+pub struct Signal {
+    /// The column.
+    pub name: &'static str,
+    /// Cells with a sample, and without.
+    pub samples: usize,
+    /// See `samples`.
+    pub missing: usize,
+    /// The longest time between two samples \[s\].
+    pub longest_gap_s: f64,
+    /// The smallest sample.
+    pub min: f64,
+    /// The largest sample.
+    pub max: f64,
+    /// Standard deviation of the noise: from third differences, of which a signal that is smooth
+    /// from sample to sample leaves little, by their median, which jumps do not move. At least
+    /// what rounding makes: quantum/√12.
+    pub noise: f64,
+    /// The sensor's step, if its values repeat.
+    pub quantum: Option<f64>,
+    /// Of its rates of change over a tenth of a second, the one that 95 % are below \[1/s\].
+    pub rate_per_s: f64,
+    /// Changes from one sample to the next by a twentieth of the range.
+    pub steps: usize,
+    /// Changes of direction that are followed by a twentieth of the range.
+    pub reversals: usize,
+    /// The longest time within 2 % of the range, or within the noise \[s\].
+    pub longest_hold_s: f64,
+}
+
+/// The samples that are there.
+struct Samples {
+    time_s: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Signal {
+    /// Looks at `values`, NaN where one is missing; there is at least one. What is wrong with them
+    /// is added to `warnings`.
+    pub(super) fn of(
+        name: &'static str,
+        time_s: &[f64],
+        values: &[f64],
+        warnings: &mut Vec<Finding>,
+    ) -> Signal {
+        let present = time_s
+            .iter()
+            .zip(values)
+            .filter(|(_, value)| !value.is_nan());
+        let (time_s, present): (Vec<f64>, Vec<f64>) = present.unzip();
+        let missing = values.len() - present.len();
+        let samples = Samples {
+            time_s,
+            values: present,
+        };
+        let (min, max) = extremes(&samples.values);
+        let (step, repeats) = step_of(&samples.values);
+        let mut noise = noise(&samples.values);
+        for value in [min, max]
+            .into_iter()
+            .filter(|_| is_measured(name) && min < max)
+        {
+            let off = off_plateaus(&samples.values, value);
+            let noise_off = self::noise(&off);
+            let clipped = samples.values.len() - off.len();
+            if clipped > 0 && noise_off > DITHER * step {
+                warnings.push(Finding::Clipped {
+                    signal: name,
+                    value,
+                    share: clipped as f64 / samples.values.len() as f64,
+                });
+                noise = noise_off.max(noise);
+            }
+        }
+        // A command and a value that is stated have no noise.
+        let noise = match is_measured(name) && min < max {
+            true => noise.max(step / 12.0_f64.sqrt()),
+            false => 0.0,
+        };
+        let mut signal = Signal {
+            name,
+            samples: samples.values.len(),
+            missing,
+            longest_gap_s: differences(&samples.time_s).fold(0.0, f64::max),
+            min,
+            max,
+            noise,
+            quantum: repeats.then_some(step),
+            rate_per_s: 0.0,
+            steps: 0,
+            reversals: 0,
+            longest_hold_s: 0.0,
+        };
+        let prominent = (PROMINENT * signal.range()).max(NOISE_SPAN * noise);
+        let steps = differences(&samples.values).filter(|step| step.abs() >= prominent);
+        signal.steps = if signal.moves() { steps.count() } else { 0 };
+        signal.reversals = reversals(&samples.values, prominent);
+        let pieces = samples.pieces();
+        signal.rate_per_s = if min < max { pieces.rate_per_s() } else { 0.0 };
+        signal.longest_hold_s =
+            pieces.longest_hold_s((HELD * signal.range()).max(NOISE_SPAN * noise));
+        signal.warn(&samples, warnings);
+        signal
+    }
+
+    fn warn(&self, samples: &Samples, warnings: &mut Vec<Finding>) {
+        let signal = self.name;
+        if self.missing > 0 {
+            warnings.push(Finding::Missing {
+                signal,
+                share: self.missing as f64 / (self.missing + self.samples) as f64,
+                longest_gap_s: self.longest_gap_s,
+            });
+        }
+        // A command may rest, sit at its limits and jump.
+        if !is_measured(signal) {
+            return;
+        }
+        if self.is_constant() {
+            warnings.push(Finding::Constant {
+                signal,
+                value: self.min,
+            });
+            return;
+        }
+        if !self.moves() {
+            warnings.push(Finding::Still { signal });
+            return;
+        }
+        if let Some(quantum) = self.quantum
+            && self.range() < super::STEPS_MIN * quantum
+        {
+            let steps = (self.range() / quantum).round();
+            warnings.push(Finding::Coarse { signal, steps });
+        }
+        let spikes = spikes(&samples.values, SPIKE * self.noise);
+        if let Some(first) = spikes.first() {
+            warnings.push(Finding::Spikes {
+                signal,
+                count: spikes.len(),
+                first_s: samples.time_s[*first],
+            });
+        }
+    }
+
+    /// Largest less smallest sample.
+    pub fn range(&self) -> f64 {
+        self.max - self.min
+    }
+
+    /// All samples are one value.
+    pub fn is_constant(&self) -> bool {
+        self.min == self.max
+    }
+
+    /// It does more than noise does.
+    pub fn moves(&self) -> bool {
+        self.range() > NOISE_SPAN * self.noise
+    }
+}
+
+fn extremes(values: &[f64]) -> (f64, f64) {
+    let begin = (f64::INFINITY, f64::NEG_INFINITY);
+    values.iter().fold(begin, |(min, max), value| {
+        (min.min(*value), max.max(*value))
+    })
+}
+
+fn differences(values: &[f64]) -> impl Iterator<Item = f64> {
+    values.windows(2).map(|pair| pair[1] - pair[0])
+}
+
+/// The value that `share` of `values` are below; 0 of none.
+pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let place = ((values.len() - 1) as f64 * share).round() as usize;
+    *values.select_nth_unstable_by(place, f64::total_cmp).1
+}
+
+/// Standard deviation of white noise on a smooth signal: by the mean squares of stretches, of which
+/// the median is not moved by what a few of them do, nor granular like that of rounded samples.
+fn noise(values: &[f64]) -> f64 {
+    let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
+    let squares: Vec<f64> = values.windows(4).map(third).collect();
+    let mean = |stretch: &[f64]| stretch.iter().sum::<f64>() / stretch.len() as f64;
+    let means: Vec<f64> = squares.chunks(NOISE_STRETCH).map(mean).collect();
+    if means.is_empty() {
+        return 0.0;
+    }
+    // Third differences of white noise have the variance σ²(1+9+9+1).
+    (quantile(means, 0.5) / 20.0).sqrt()
+}
+
+/// The sensor's step, and whether there is one: its values repeat. Then it is the change from one
+/// sample to the next that a tenth are below (averaged and interpolated samples make smaller ones);
+/// else it is at most what neighbouring values are apart, with the same share.
+fn step_of(values: &[f64]) -> (f64, bool) {
+    let mut distinct = values.to_vec();
+    distinct.sort_unstable_by(f64::total_cmp);
+    distinct.dedup();
+    let repeats = distinct.len() > 1 && 2 * distinct.len() <= values.len();
+    let changes = differences(if repeats { values } else { &distinct }).map(f64::abs);
+    let step = quantile(changes.filter(|change| *change > 0.0).collect(), 0.1);
+    (step, repeats)
+}
+
+fn is_measured(name: &str) -> bool {
+    name != PRESSURE_REF_PA
+}
+
+/// How often the direction changes, each time for at least `prominent`.
+fn reversals(values: &[f64], prominent: f64) -> usize {
+    let (mut low, mut high) = (values[0], values[0]);
+    // Upwards, downwards, or not known yet.
+    let mut upwards = None;
+    let mut count = 0;
+    for value in values {
+        (low, high) = (low.min(*value), high.max(*value));
+        let (fell, rose) = (high - value >= prominent, value - low >= prominent);
+        let now = match upwards {
+            Some(true) if fell => Some(false),
+            Some(false) if rose => Some(true),
+            None if prominent > 0.0 && (fell || rose) => Some(rose),
+            same => same,
+        };
+        if now != upwards {
+            count += usize::from(upwards.is_some());
+            (low, high, upwards) = (*value, *value, now);
+        }
+    }
+    count
+}
+
+/// Samples with those left out that lie on plateaus at `extreme`.
+fn off_plateaus(values: &[f64], extreme: f64) -> Vec<f64> {
+    let mut off = Vec::new();
+    for run in values.chunk_by(|one, next| one == next) {
+        if run[0] != extreme || run.len() < PLATEAU {
+            off.extend_from_slice(run);
+        }
+    }
+    off
+}
+
+/// The samples that stand out alone, by at least `height`.
+fn spikes(values: &[f64], height: f64) -> Vec<usize> {
+    let windows = values.windows(5).enumerate();
+    let alone = windows.filter(|(_, v)| {
+        let (up, down) = (v[2] - v[1], v[2] - v[3]);
+        let around = (v[1] - v[0])
+            .abs()
+            .max((v[4] - v[3]).abs())
+            .max((v[3] - v[1]).abs());
+        let above = up.abs().min(down.abs());
+        up * down > 0.0 && above > height.max(SPIKE_ALONE * around)
+    });
+    alone.map(|(row, _)| row + 2).collect()
+}
+
+impl Samples {
+    /// Means over pieces of a tenth of a second, or the samples where they are farther apart.
+    fn pieces(&self) -> Samples {
+        let mut pieces = Samples {
+            time_s: Vec::new(),
+            values: Vec::new(),
+        };
+        let mut row = 0;
+        while row < self.values.len() {
+            let rest = &self.time_s[row..];
+            let count = rest.partition_point(|time_s| time_s - rest[0] < PIECE_S);
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / count as f64;
+            pieces.time_s.push(mean(&rest[..count]));
+            pieces.values.push(mean(&self.values[row..row + count]));
+            row += count;
+        }
+        pieces
+    }
+
+    fn rate_per_s(&self) -> f64 {
+        let steps = differences(&self.values).zip(differences(&self.time_s));
+        quantile(steps.map(|(step, s)| step.abs() / s).collect(), RATE_SHARE)
+    }
+
+    /// The longest time within a band of height `band`.
+    fn longest_hold_s(&self, band: f64) -> f64 {
+        let (mut begin, mut longest_s) = (0, 0.0_f64);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (row, value) in self.values.iter().enumerate() {
+            (low, high) = (low.min(*value), high.max(*value));
+            if high - low > band {
+                // Back to where the band around this value begins.
+                (low, high, begin) = (*value, *value, row);
+                while let Some(before) = begin.checked_sub(1).map(|before| self.values[before]) {
+                    if high.max(before) - low.min(before) > band {
+                        break;
+                    }
+                    (low, high, begin) = (low.min(before), high.max(before), begin - 1);
+                }
+            }
+            longest_s = longest_s.max(self.time_s[row] - self.time_s[begin]);
+        }
+        longest_s
+    }
+}

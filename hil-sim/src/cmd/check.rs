@@ -1,0 +1,143 @@
+//! `hil-sim check`.
+
+use crate::Failure;
+use hil_sim::check::{Block, Check, Finding, Sampling, Signal, check};
+use hil_sim::record::Record;
+use hil_sim::report::{Report, Section, Table};
+use hil_sim::rig::Rig;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Is a record fit for a diagnosis? Sampling, noise, broken sensors, what it moves
+///
+/// And which blocks of the plant it can tell of.
+///
+/// It ends in status 0 whatever it finds: errors are what `diagnose` refuses, warnings what it will
+/// suffer from.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim check measured.csv
+  hil-sim check measured.csv --rig rig.toml --json")]
+pub struct Args {
+    /// The record
+    #[arg(value_name = "REC.csv")]
+    record: PathBuf,
+    /// The rig that was measured, to say whether its load can be diagnosed
+    #[arg(long, value_name = "RIG")]
+    rig: Option<PathBuf>,
+    /// Print a machine-readable summary instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    sampling: &'a Sampling,
+    signals: &'a [Signal],
+    errors: &'a [Finding],
+    warnings: &'a [Finding],
+    blocks: &'a [Block],
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let record = Record::read(&args.record)?;
+    let rig = args.rig.as_deref().map(Rig::read).transpose()?;
+    let check = check(&record);
+    let blocks = check.blocks(rig.as_ref());
+    if args.json {
+        super::print_json(&Summary {
+            sampling: &check.sampling,
+            signals: &check.signals,
+            errors: &check.errors,
+            warnings: &check.warnings,
+            blocks: &blocks,
+        })?;
+    } else {
+        let title = args.record.display().to_string();
+        super::print(&words(title, &check, &blocks).to_text())?;
+    }
+    Ok(())
+}
+
+fn words(title: String, check: &Check, blocks: &[Block]) -> Report {
+    let sampling = &check.sampling;
+    let mut verdict = vec![format!(
+        "{} rows in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
+        sampling.rows,
+        sampling.length_s,
+        1e3 * sampling.period_s,
+        100.0 * sampling.jitter,
+        sampling.gaps
+    )];
+    verdict.extend(check.errors.iter().map(|error| format!("Error: {error}.")));
+    verdict.extend(
+        check
+            .warnings
+            .iter()
+            .map(|warning| format!("Warning: {warning}.")),
+    );
+    let table = |caption: &str, columns: &[&str], rows| Table {
+        caption: caption.into(),
+        columns: columns.iter().map(|column| (*column).into()).collect(),
+        rows,
+    };
+    let signals = table(
+        "What was measured, in the columns' units; the rate is the one that 95 % of the time is \
+         below",
+        &[
+            "signal",
+            "least",
+            "greatest",
+            "noise",
+            "step",
+            "rate /s",
+            "steps",
+            "reversals",
+            "longest hold",
+        ],
+        check.signals.iter().map(row).collect(),
+    );
+    let blocks = table(
+        "What it can tell of",
+        &["block", "enough", "missing, or blind to"],
+        blocks.iter().map(block_row).collect(),
+    );
+    Report {
+        title,
+        verdict,
+        sections: vec![Section {
+            heading: "Record".into(),
+            text: Vec::new(),
+            tables: vec![signals, blocks],
+            plots: Vec::new(),
+            ..Section::default()
+        }],
+        repeat: Vec::new(),
+    }
+}
+
+fn row(signal: &Signal) -> Vec<String> {
+    vec![
+        signal.name.into(),
+        super::short(signal.min),
+        super::short(signal.max),
+        super::short(signal.noise),
+        signal.quantum.map_or_else(String::new, super::short),
+        super::short(signal.rate_per_s),
+        signal.steps.to_string(),
+        signal.reversals.to_string(),
+        format!("{:.1} s", signal.longest_hold_s),
+    ]
+}
+
+fn block_row(block: &Block) -> Vec<String> {
+    let said = if block.missing.is_empty() {
+        &block.blind_to
+    } else {
+        &block.missing
+    };
+    let enough = if block.enough { "yes" } else { "no" };
+    vec![block.block.into(), enough.into(), said.join("; ")]
+}

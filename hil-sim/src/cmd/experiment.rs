@@ -1,0 +1,101 @@
+//! `hil-sim experiment`.
+
+use super::between;
+use crate::Failure;
+use hil_sim::error::BadInput;
+use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::output::same_file;
+use hil_sim::rig::Rig;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Write the reference pressure of the next experiment, within the rig's limits
+///
+/// Vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
+/// and
+/// steps that grow: what tells effects apart that one record alone does not. Vented at both ends.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim experiment --rig rig.toml --out experiment.csv
+  hil-sim experiment --rig rig.toml --out leak.csv --part shut-holds")]
+pub struct Args {
+    /// The rig
+    #[arg(long, value_name = "RIG")]
+    rig: PathBuf,
+    /// The drive to write: time_s, pressure_ref_pa and, for shut-holds, valve_open
+    #[arg(long, value_name = "EXP.csv")]
+    out: PathBuf,
+    /// Only this; may be given again. All but shut-holds if left out
+    #[arg(long, value_enum)]
+    part: Vec<Part>,
+    /// Contraction that a weight is not to pass
+    #[arg(long, default_value_t = 0.3, value_parser = between(0.01, 0.9))]
+    contraction_max: f64,
+    /// Fastest change of the reference [Pa/s]; what the board's reference settings allow if left
+    /// out
+    #[arg(long, value_parser = between(100.0, 1e8))]
+    rate_max: Option<f64>,
+    /// Print a machine-readable summary instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Summary {
+    experiment: String,
+    length_s: f64,
+    pressure_pa_low: f64,
+    pressure_pa_high: f64,
+    parts: Vec<PartSummary>,
+}
+
+#[derive(Serialize)]
+struct PartSummary {
+    part: String,
+    begins_s: f64,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    if same_file(&args.out, &args.rig) {
+        let expected = "an output that is not an input too";
+        return Err(BadInput::file(args.out.display().to_string(), expected).into());
+    }
+    let mut limits = Limits::of(&Rig::read(&args.rig)?, args.contraction_max)?;
+    limits.rate_pa_per_s_max = args.rate_max;
+    let parts: &[Part] = match &args.part[..] {
+        [] => &Part::USUAL,
+        parts => parts,
+    };
+    let written = experiment(&limits, parts);
+    written.record.write(&args.out)?;
+    let parts = written.parts.iter().map(|(part, begins_s)| PartSummary {
+        part: clap::ValueEnum::to_possible_value(part)
+            .map_or_else(String::new, |value| value.get_name().into()),
+        begins_s: *begins_s,
+    });
+    let summary = Summary {
+        experiment: args.out.display().to_string(),
+        length_s: written.record.time_s().last().copied().unwrap_or(0.0),
+        pressure_pa_low: limits.low_pa,
+        pressure_pa_high: limits.high_pa,
+        parts: parts.collect(),
+    };
+    if args.json {
+        super::print_json(&summary)?;
+    } else {
+        let mut words = format!(
+            "{}: {:.0} s, the muscle works from {:.0} to {:.0} kPa.\n",
+            summary.experiment,
+            summary.length_s,
+            1e-3 * limits.low_pa,
+            1e-3 * limits.high_pa
+        );
+        for PartSummary { part, begins_s } in &summary.parts {
+            words += &format!("  {part} from {begins_s:.0} s\n");
+        }
+        super::print(&words)?;
+    }
+    Ok(())
+}

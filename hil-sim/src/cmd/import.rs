@@ -1,0 +1,129 @@
+//! `hil-sim import`.
+
+use crate::Failure;
+use hil_sim::error::BadInput;
+use hil_sim::import::{ColumnSummary, Map, Mended, Summary};
+use hil_sim::output::same_file;
+use hil_sim::report::{Report, Section, Table};
+use std::path::PathBuf;
+
+/// Make a record of a CSV or MATLAB file with other names and units
+///
+/// The mapping file says which column is which and in which unit. What was done is told: rows,
+/// conversions, ranges, and times that did not rise.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim import --example > map.toml
+  hil-sim import bench.txt --map map.toml --out bench.csv
+  hil-sim import bench.mat --map map.toml --out bench.csv --json")]
+pub struct Args {
+    /// The file: CSV, or MATLAB's .mat
+    #[arg(value_name = "FILE", required_unless_present = "example")]
+    file: Option<PathBuf>,
+    /// The mapping
+    #[arg(long, value_name = "MAP.toml", required_unless_present = "example")]
+    map: Option<PathBuf>,
+    /// The record to write
+    #[arg(long, value_name = "REC.csv", required_unless_present = "example")]
+    out: Option<PathBuf>,
+    /// Print what was done as JSON instead of words
+    #[arg(long)]
+    json: bool,
+    /// Print a commented mapping file, and do nothing else
+    #[arg(long, exclusive = true)]
+    example: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    // Without --example all three are there.
+    let (Some(file), Some(map), Some(out)) = (&args.file, &args.map, &args.out) else {
+        super::print(Map::EXAMPLE_TOML)?;
+        return Ok(());
+    };
+    if same_file(out, file) || same_file(out, map) {
+        let expected = "an output that is not an input too";
+        return Err(BadInput::file(out.display().to_string(), expected).into());
+    }
+    let map = Map::read(map)?;
+    let name = file.display().to_string();
+    let bytes = std::fs::read(file)
+        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    let imported = map.import(&name, &bytes)?;
+    imported.record.write(out)?;
+    if args.json {
+        super::print_json(&imported.summary)?;
+    } else {
+        super::print(&words(name, &imported.summary).to_text())?;
+    }
+    Ok(())
+}
+
+fn words(title: String, summary: &Summary) -> Report {
+    let mut verdict = vec![
+        format!(
+            "{}: {} rows read, {} written.",
+            summary.format, summary.rows_read, summary.rows_written
+        ),
+        format!("Time from {}.", summary.time),
+    ];
+    if let Some(encoding) = summary.encoding {
+        verdict.push(format!("It is not UTF-8: read as {encoding}."));
+    }
+    let times = [
+        ("the time of the row before", &summary.repeated_times),
+        (
+            "an earlier time than the row before",
+            &summary.restarted_times,
+        ),
+    ];
+    for (what, Mended { count, first, done }) in times {
+        if let Some(first) = first {
+            let place = if summary.format == "CSV" {
+                "line"
+            } else {
+                "row"
+            };
+            verdict.push(format!(
+                "{count} with {what} were {done}, the first in {place} {first}."
+            ));
+        }
+    }
+    if !summary.left_out.is_empty() {
+        verdict.push(format!("Left out: {}.", summary.left_out.join(", ")));
+    }
+    let columns = [
+        "column",
+        "from",
+        "converted",
+        "missing",
+        "least",
+        "greatest",
+    ];
+    Report {
+        title,
+        verdict,
+        sections: vec![Section {
+            heading: "Columns".into(),
+            tables: vec![Table {
+                caption: "What was written, in SI units".into(),
+                columns: columns.map(String::from).to_vec(),
+                rows: summary.columns.iter().map(row).collect(),
+            }],
+            ..Section::default()
+        }],
+        repeat: Vec::new(),
+    }
+}
+
+fn row(column: &ColumnSummary) -> Vec<String> {
+    vec![
+        column.name.into(),
+        column.source.clone(),
+        column.conversion.clone(),
+        column.missing.to_string(),
+        super::short(column.min),
+        super::short(column.max),
+    ]
+}

@@ -1,0 +1,365 @@
+//! The files that can be imported, as columns of numbers.
+
+use super::{BadInput, Layout, Selector};
+use crate::record::{content, newlines};
+use matfile::{MatFile, NumericData};
+use std::borrow::Cow;
+
+/// One file's columns.
+pub(super) struct Source {
+    file: String,
+    kind: Kind,
+}
+
+enum Kind {
+    Csv(Csv),
+    /// Variables, and the format's name.
+    Mat(Vec<Variable>, &'static str),
+}
+
+/// Cells as text.
+struct Csv {
+    decimal_comma: bool,
+    missing: Vec<String>,
+    is_latin_1: bool,
+    names: Vec<String>,
+    rows: Vec<csv::StringRecord>,
+    lines: Vec<usize>,
+}
+
+/// One variable of a MATLAB file: `values` column by column.
+struct Variable {
+    name: String,
+    height: usize,
+    width: usize,
+    values: Vec<f64>,
+}
+
+impl Source {
+    /// Opens the file `name` that has `bytes`.
+    pub fn open(name: &str, bytes: &[u8], layout: &Layout) -> Result<Source, BadInput> {
+        let kind = if hdf5_pure::is_hdf5_bytes(bytes) {
+            Kind::Mat(version_7(name, bytes)?, "MATLAB 7.3")
+        } else if bytes.starts_with(b"MATLAB 5.0") {
+            Kind::Mat(version_5(name, bytes)?, "MATLAB 5")
+        } else {
+            Kind::Csv(Csv::open(name, bytes, layout)?)
+        };
+        Ok(Source {
+            file: name.into(),
+            kind,
+        })
+    }
+
+    pub fn format(&self) -> &'static str {
+        match &self.kind {
+            Kind::Csv(_) => "CSV",
+            Kind::Mat(_, format) => format,
+        }
+    }
+
+    pub fn encoding(&self) -> Option<&'static str> {
+        matches!(
+            &self.kind,
+            Kind::Csv(Csv {
+                is_latin_1: true,
+                ..
+            })
+        )
+        .then_some("Latin-1")
+    }
+
+    /// Where a row is: its line, or its number from 1.
+    pub fn place(&self, row: usize) -> usize {
+        match &self.kind {
+            Kind::Csv(csv) => csv.lines[row],
+            Kind::Mat(..) => row + 1,
+        }
+    }
+
+    /// Bad input in a row of the column `name`.
+    pub fn bad(&self, row: usize, name: &str, expected: &str) -> BadInput {
+        let place = self.place(row);
+        match self.kind {
+            Kind::Csv(_) => BadInput {
+                line: Some(place),
+                ..self.bad_column(name, expected)
+            },
+            Kind::Mat(..) => self.bad_column(&format!("{name}, row {place}"), expected),
+        }
+    }
+
+    /// Bad input in the column `name`.
+    pub fn bad_column(&self, name: &str, expected: &str) -> BadInput {
+        BadInput {
+            place: Some(name.into()),
+            ..BadInput::file(&self.file, expected)
+        }
+    }
+
+    /// A column's name in messages, and its numbers, NaN where one is missing: one a row.
+    pub fn column(&self, selector: &Selector) -> Result<(String, Vec<f64>), BadInput> {
+        let name = selector.to_string();
+        let values = match &self.kind {
+            Kind::Csv(csv) => {
+                let index = csv.find(selector).ok_or_else(|| {
+                    let expected = format!("one of {}, found none", csv.names.join(", "));
+                    self.bad_column(&name, &expected)
+                })?;
+                let rows = csv.rows.iter().enumerate();
+                let cells = rows.map(|(row, cells)| {
+                    csv.number(cells.get(index))
+                        .map_err(|why| self.bad(row, &name, &why))
+                });
+                cells.collect::<Result<_, _>>()?
+            }
+            Kind::Mat(variables, _) => {
+                let (_, values) = find(variables, selector).ok_or_else(|| {
+                    let names: Vec<_> = variables.iter().map(Variable::words).collect();
+                    let expected = format!("one of {}, found none", names.join(", "));
+                    self.bad_column(&name, &expected)
+                })?;
+                values.to_vec()
+            }
+        };
+        if values.is_empty() {
+            return Err(self.bad_column(&name, "at least one row of samples, found none"));
+        }
+        if let Some(row) = values.iter().position(|value| value.is_infinite()) {
+            return Err(self.bad(row, &name, "a finite number, found an infinite one"));
+        }
+        Ok((name, values))
+    }
+
+    /// The columns that none of `used` names.
+    pub fn left_out(&self, used: &[&Selector]) -> Vec<String> {
+        match &self.kind {
+            Kind::Csv(csv) => {
+                let used: Vec<_> = used.iter().filter_map(|used| csv.find(used)).collect();
+                let names = csv.names.iter().enumerate();
+                let rest = names.filter(|(index, _)| !used.contains(index));
+                rest.map(|(_, name)| name.clone()).collect()
+            }
+            Kind::Mat(variables, _) => {
+                let used = used.iter().filter_map(|used| find(variables, used));
+                let used: Vec<_> = used.map(|(index, _)| index).collect();
+                let rest = variables.iter().enumerate();
+                let rest = rest.filter(|(index, _)| !used.contains(index));
+                rest.map(|(_, variable)| variable.words()).collect()
+            }
+        }
+    }
+}
+
+impl Csv {
+    fn open(name: &str, bytes: &[u8], layout: &Layout) -> Result<Csv, BadInput> {
+        if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+            return Err(BadInput::file(
+                name,
+                "text in UTF-8 or Latin-1, found UTF-16",
+            ));
+        }
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        let utf_8 = std::str::from_utf8(bytes);
+        let is_latin_1 = utf_8.is_err();
+        let text = utf_8.map_or_else(
+            // Latin-1 is the first 256 characters of Unicode.
+            |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
+            Cow::Borrowed,
+        );
+        let mut head = text.split_inclusive('\n').take(layout.skip_lines);
+        let skipped: usize = head.by_ref().map(str::len).sum();
+        let text = &text.as_bytes()[skipped..];
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .delimiter(*layout.delimiter.get_ref() as u8)
+            .from_reader(text);
+        let mut csv = Csv {
+            decimal_comma: layout.decimal_comma,
+            missing: layout.missing.clone(),
+            is_latin_1,
+            names: Vec::new(),
+            rows: Vec::new(),
+            lines: Vec::new(),
+        };
+        let (mut line, mut counted) = (1 + layout.skip_lines, 0);
+        let mut skip = layout.skip_after_header;
+        let mut cells = csv::StringRecord::new();
+        let mut in_header = layout.header;
+        while reader.read_record(&mut cells).map_err(|error| BadInput {
+            line: Some(line),
+            ..BadInput::file(name, format!("CSV, {error}"))
+        })? {
+            let begin = content(text, cells.position());
+            line += newlines(&text[counted..begin]);
+            counted = begin;
+            if std::mem::take(&mut in_header) {
+                csv.names = cells.iter().map(str::to_owned).collect();
+            } else if skip > 0 {
+                skip -= 1;
+            } else {
+                csv.rows.push(cells.clone());
+                csv.lines.push(line);
+            }
+        }
+        if csv.names.is_empty() {
+            let width = csv.rows.first().map_or(0, csv::StringRecord::len);
+            csv.names = (1..=width)
+                .map(|number| format!("column {number}"))
+                .collect();
+        }
+        Ok(csv)
+    }
+
+    fn find(&self, selector: &Selector) -> Option<usize> {
+        match selector {
+            Selector::Number(number) => number.checked_sub(1).filter(|i| *i < self.names.len()),
+            Selector::Name(name) => self.names.iter().position(|known| known == name),
+        }
+    }
+
+    /// The number in a cell, NaN where there is none.
+    fn number(&self, cell: Option<&str>) -> Result<f64, String> {
+        let cell = cell.ok_or("this cell, found the end of the row")?;
+        let is_missing = self.missing.iter().any(|missing| missing == cell);
+        if cell.is_empty() || is_missing || cell.eq_ignore_ascii_case("nan") {
+            return Ok(f64::NAN);
+        }
+        let point = match self.decimal_comma {
+            true if cell.contains('.') => Err(()),
+            true => Ok(Cow::Owned(cell.replacen(',', ".", 1))),
+            false => Ok(Cow::Borrowed(cell)),
+        };
+        let number = point.ok().and_then(|text| text.parse().ok());
+        number.ok_or_else(|| {
+            let comma = if self.decimal_comma {
+                " with a decimal comma"
+            } else {
+                ""
+            };
+            format!("a number{comma} or an empty cell, found `{cell}`")
+        })
+    }
+}
+
+impl Variable {
+    fn is_vector(&self) -> bool {
+        self.height == 1 || self.width == 1
+    }
+
+    fn words(&self) -> String {
+        if self.is_vector() {
+            self.name.clone()
+        } else {
+            format!("{}(:,1) to (:,{})", self.name, self.width)
+        }
+    }
+}
+
+/// A vector by its name, a matrix's column as `name(:,number)`.
+fn find<'a>(variables: &'a [Variable], selector: &Selector) -> Option<(usize, &'a [f64])> {
+    let Selector::Name(wanted) = selector else {
+        return None;
+    };
+    let (name, number) = match wanted
+        .strip_suffix(')')
+        .and_then(|name| name.split_once("(:,"))
+    {
+        Some((name, number)) => (name, Some(number.trim().parse::<usize>().ok()?)),
+        None => (wanted.as_str(), None),
+    };
+    let index = variables
+        .iter()
+        .position(|variable| variable.name == name)?;
+    let variable = &variables[index];
+    match number {
+        None if variable.is_vector() => Some((index, &variable.values)),
+        None => None,
+        Some(number) => {
+            let mut columns = variable.values.chunks_exact(variable.height.max(1));
+            Some((index, columns.nth(number.checked_sub(1)?)?))
+        }
+    }
+}
+
+/// Version 5 to 7: numeric arrays; what else is in the file is left out.
+fn version_5(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
+    let file = MatFile::parse(bytes)
+        .map_err(|error| BadInput::file(name, format!("a MATLAB file, {error}")))?;
+    let arrays = file.arrays().iter().filter(|array| array.size().len() == 2);
+    let variables = arrays.map(|array| Variable {
+        name: array.name().into(),
+        height: array.size()[0],
+        width: array.size()[1],
+        values: numbers(array.data()),
+    });
+    Ok(variables.collect())
+}
+
+fn numbers(data: &NumericData) -> Vec<f64> {
+    // What a rig measures is exact in 53 bits.
+    macro_rules! to_f64 {
+        ($real:ident) => {
+            $real.iter().map(|value| *value as f64).collect()
+        };
+    }
+    match data {
+        NumericData::Int8 { real, .. } => to_f64!(real),
+        NumericData::UInt8 { real, .. } => to_f64!(real),
+        NumericData::Int16 { real, .. } => to_f64!(real),
+        NumericData::UInt16 { real, .. } => to_f64!(real),
+        NumericData::Int32 { real, .. } => to_f64!(real),
+        NumericData::UInt32 { real, .. } => to_f64!(real),
+        NumericData::Int64 { real, .. } => to_f64!(real),
+        NumericData::UInt64 { real, .. } => to_f64!(real),
+        NumericData::Single { real, .. } => to_f64!(real),
+        NumericData::Double { real, .. } => real.clone(),
+    }
+}
+
+/// How many bytes at most deflate packs in one.
+const PACKED_MAX: u64 = 1032;
+
+/// Version 7.3: HDF5, whose data sets stand in groups where MATLAB has structs. A field of a struct
+/// is named `struct.field`.
+fn version_7(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
+    let bad = |error: hdf5_pure::Error| BadInput::file(name, format!("an HDF5 file, {error}"));
+    let file = hdf5_pure::File::from_bytes(bytes.to_vec()).map_err(bad)?;
+    let mut variables = Vec::new();
+    let mut groups = vec![(String::new(), file.root())];
+    while let Some((prefix, group)) = groups.pop() {
+        for found in group.datasets().map_err(bad)? {
+            let dataset = group.dataset(&found).map_err(bad)?;
+            let shape = dataset.shape().map_err(bad)?;
+            // Rows and columns change places: MATLAB's arrays are stored by columns.
+            let [width, height] = shape[..] else {
+                continue;
+            };
+            // Memory is taken for as much as a damaged file says it has.
+            let size = width.saturating_mul(height);
+            if size > PACKED_MAX.saturating_mul(bytes.len() as u64) {
+                let expected = format!("as many numbers as fit in it, found {size} in `{found}`");
+                return Err(BadInput::file(name, expected));
+            }
+            let Ok(values) = dataset.read_f64() else {
+                continue;
+            };
+            variables.push(Variable {
+                name: format!("{prefix}{found}"),
+                height: height as usize,
+                width: width as usize,
+                values,
+            });
+        }
+        for found in group.groups().map_err(bad)? {
+            // Where MATLAB keeps the contents of cells.
+            if !found.starts_with('#') {
+                let inner = group.group(&found).map_err(bad)?;
+                groups.push((format!("{prefix}{found}."), inner));
+            }
+        }
+    }
+    Ok(variables)
+}

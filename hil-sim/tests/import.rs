@@ -1,0 +1,422 @@
+//! Files of other programs become records, or are refused where they are not what was said.
+//!
+//! `tests/import` holds MATLAB files as scipy 1 (version 5) and h5py 3 with MATLAB's header (7.3)
+//! write them: `make.py` there.
+
+use hil_sim::import::{Imported, Map};
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, TEMPERATURE_K};
+use proptest::prelude::*;
+use std::process::Command;
+
+const PLAIN_5: &[u8] = include_bytes!("import/plain5.mat");
+const PACKED_5: &[u8] = include_bytes!("import/packed5.mat");
+const V_7_3: &[u8] = include_bytes!("import/v73.mat");
+
+const MATLAB: &str = r#"
+[time]
+column = "t_ms"
+unit = "ms"
+[columns.pressure_pa]
+column = "p"
+unit = "bar"
+[columns.contraction]
+column = "data(:,2)"
+unit = "%"
+[columns.force_n]
+column = "n"
+unit = "N"
+"#;
+
+/// The time in the first column in seconds, the force in the second.
+const SIMPLE: &str = r#"
+[time]
+column = 1
+unit = "s"
+[columns.force_n]
+column = 2
+unit = "N"
+"#;
+
+fn map(text: &str) -> Map {
+    Map::parse("map.toml", text).expect("a mapping")
+}
+
+fn import(map_text: &str, file: &[u8]) -> Imported {
+    map(map_text).import("bench.txt", file).expect("a record")
+}
+
+fn refused(map_text: &str, file: &[u8]) -> String {
+    let imported = map(map_text).import("bench.txt", file);
+    imported.expect_err("bad input").to_string()
+}
+
+fn close(one: &[f64], other: &[f64]) -> bool {
+    one.len() == other.len()
+        && one.iter().zip(other).all(|(one, other)| {
+            (one - other).abs() <= 1e-12 * (1.0 + other.abs()) || one.is_nan() && other.is_nan()
+        })
+}
+
+#[test]
+fn the_example_does_what_it_says() {
+    let Imported { record, summary } = import(Map::EXAMPLE_TOML, Map::EXAMPLE_CSV.as_bytes());
+    assert!(close(record.time_s(), &[0.0, 0.01, 0.02, 0.025, 0.03]));
+    let column = |name| record.column(name).expect("the column");
+    assert!(close(column(PRESSURE_PA), &[0.0, 5e4, 1e5, 1.25e5, 1.5e5]));
+    assert!(close(
+        column(CONTRACTION),
+        &[0.0, 0.005, f64::NAN, 0.014, 0.02]
+    ));
+    assert!(close(column(FORCE_N), &[1.0, 25.5, 51.5, 65.0, 74.5]));
+    assert_eq!(
+        (summary.format, summary.rows_read, summary.rows_written),
+        ("CSV", 5, 5)
+    );
+    let repeated = &summary.repeated_times;
+    assert_eq!(
+        (repeated.count, repeated.first, repeated.done),
+        (1, Some(8), "spread")
+    );
+    assert_eq!(summary.restarted_times.count, 0);
+    assert_eq!(summary.left_out, ["Bemerkung"]);
+    let pressure = &summary.columns[0];
+    assert_eq!(
+        (pressure.name, pressure.source.as_str()),
+        (PRESSURE_PA, "column `Druck`")
+    );
+    assert_eq!(pressure.conversion, "cell -1.013, in bar, × 100000");
+    assert!((pressure.min, pressure.max).eq(&(0.0, 1.5e5)) || close(&[pressure.max], &[1.5e5]));
+    assert_eq!(summary.columns[1].missing, 1);
+}
+
+#[test]
+fn units_become_si() {
+    let of = |key: &str, unit: &str, cell: &str| {
+        let text = format!(
+            "[time]\nrate_hz = 10\n[columns.{key}]\ncolumn = 1\nunit = \"{unit}\"\nscale = 2\n\
+             offset = 1\n"
+        );
+        let imported = import(&text, format!("a\n{cell}\n").as_bytes());
+        imported.record.column(key).expect("the column")[0]
+    };
+    for (key, unit, cell, value) in [
+        (PRESSURE_PA, "psi", "0", 6_894.757_293_168_361),
+        (PRESSURE_PA, "kPa", "49.5", 1e5),
+        (TEMPERATURE_K, "degC", "12", 298.15),
+        (TEMPERATURE_K, "degF", "38", 298.15),
+        (FORCE_N, "lbf", "0", 4.448_221_615_260_5),
+        (FORCE_N, "kgf", "2", 5.0 * 9.806_65),
+        ("finger_m", "in", "0", 0.0254),
+        (CONTRACTION, "%", "12", 0.25),
+    ] {
+        assert!(close(&[of(key, unit, cell)], &[value]), "{key} {unit}");
+    }
+}
+
+#[test]
+fn times_come_from_a_rate_or_a_column_in_any_unit() {
+    let rate = SIMPLE.replace("column = 1\nunit = \"s\"", "rate_hz = 250");
+    let imported = import(&rate, b"t,f\n7,1\n7,2\n7,3\n");
+    assert!(close(imported.record.time_s(), &[0.0, 0.004, 0.008]));
+    for (unit, step_s) in [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("min", 60.0)] {
+        let text = SIMPLE.replace("\"s\"", &format!("\"{unit}\""));
+        let imported = import(&text, b"t,f\n1,1\n2,2\n");
+        assert!(close(imported.record.time_s(), &[step_s, 2.0 * step_s]));
+    }
+}
+
+#[test]
+fn times_that_do_not_rise_are_refused_or_mended_as_asked_and_told() {
+    let file = b"t,f\n0,1\n1,2\n1,3\n1,4\n2,5\n0.5,6\n1.5,7\n3,8\n";
+    let with = |keys: &str| SIMPLE.replace("unit = \"s\"", &format!("unit = \"s\"\n{keys}"));
+    assert_eq!(
+        refused(SIMPLE, file),
+        "bench.txt:4: column 1: expected a time after 1 s, or `time.repeated` in the mapping, \
+         found 1 s"
+    );
+    let error = refused(&with("repeated = \"drop\""), file);
+    assert!(
+        error.starts_with("bench.txt:7: column 1: expected a time after 2 s, or"),
+        "{error}"
+    );
+
+    let dropped = import(&with("repeated = \"drop\"\nrestarted = \"drop\""), file);
+    assert!(close(dropped.record.time_s(), &[0.0, 1.0, 2.0, 3.0]));
+    assert_eq!(
+        dropped.record.column(FORCE_N),
+        Some(&[1.0, 2.0, 5.0, 8.0][..])
+    );
+    let (repeated, restarted) = (
+        &dropped.summary.repeated_times,
+        &dropped.summary.restarted_times,
+    );
+    assert_eq!(
+        (repeated.count, repeated.first, repeated.done),
+        (2, Some(4), "dropped")
+    );
+    assert_eq!(
+        (restarted.count, restarted.first, restarted.done),
+        (2, Some(7), "dropped")
+    );
+    assert_eq!(
+        (dropped.summary.rows_read, dropped.summary.rows_written),
+        (8, 4)
+    );
+
+    let kept = import(
+        &with("repeated = \"spread\"\nrestarted = \"continue\""),
+        file,
+    );
+    let (third, two) = (1.0 / 3.0, 2.0 / 3.0);
+    let times_s = [0.0, 1.0, 1.0 + third, 1.0 + two, 2.0, 3.0, 4.0, 5.5];
+    assert!(
+        close(kept.record.time_s(), &times_s),
+        "{:?}",
+        kept.record.time_s()
+    );
+    assert_eq!(kept.summary.restarted_times.done, "continued");
+    assert_eq!(
+        kept.summary.restarted_times.count, 1,
+        "the clock was set anew once"
+    );
+    // At the end there is no next time.
+    let spread = import(&with("repeated = \"spread\""), b"t,f\n0,1\n2,2\n2,3\n");
+    assert!(close(spread.record.time_s(), &[0.0, 2.0, 3.0]));
+}
+
+#[test]
+fn bad_cells_are_named_by_line_and_column() {
+    for (file, message) in [
+        (
+            &b"t,f\n0,1\n\n1,x\n"[..],
+            ":4: column 2: expected a number or an empty cell, found `x`",
+        ),
+        (
+            b"t,f\n0,1\n1\n",
+            ":3: column 2: expected this cell, found the end of the row",
+        ),
+        (
+            b"t,f\n0,1\n,2\n",
+            ":3: column 1: expected a time in every row, found none",
+        ),
+        (b"t,f\n0,inf\n", ":2: column 2: expected a finite number"),
+        (
+            b"t,f\n0,1\n1,2e6\n",
+            ":3: column 2: expected what is force_n as a number from -1",
+        ),
+        (
+            b"t,f\n0,\n1,\n",
+            ": column 2: expected at least one sample of force_n, found none",
+        ),
+        (b"t\n0\n", ": column 2: expected one of t, found none"),
+        (
+            b"t,f\n",
+            ": column 1: expected at least one row of samples, found none",
+        ),
+        (
+            b"t,f\n1,1\n100000,2\n",
+            ": column `time_s`: expected seconds, at most 10000",
+        ),
+        (
+            b"\xff\xfet\0",
+            ": expected text in UTF-8 or Latin-1, found UTF-16",
+        ),
+    ] {
+        let error = refused(SIMPLE, file);
+        assert!(error.starts_with(&format!("bench.txt{message}")), "{error}");
+    }
+    let comma = SIMPLE.replace(
+        "[time]",
+        "[file]\ndelimiter = \";\"\ndecimal_comma = true\n[time]",
+    );
+    let error = refused(&comma, b"t;f\n0;1.000,5\n");
+    assert!(
+        error.contains(":2: column 2: expected a number with a decimal comma"),
+        "{error}"
+    );
+    assert_eq!(
+        import(&comma, b"t;f\n0;1000,5\n").record.column(FORCE_N),
+        Some(&[1000.5][..])
+    );
+}
+
+#[test]
+fn latin_1_and_files_without_a_header_are_read_and_told() {
+    let named = SIMPLE.replace("column = 2", "column = \"Kraft in N/m²\"");
+    let imported = import(&named, b"t,Kraft in N/m\xb2\n0,1\n");
+    assert_eq!(imported.summary.encoding, Some("Latin-1"));
+    let bare = SIMPLE.replace(
+        "[time]",
+        "[file]\nheader = false\ndelimiter = \"\\t\"\n[time]",
+    );
+    let imported = import(&bare, b"0\t1\t9\n1\t2\t9\n");
+    assert_eq!(imported.record.column(FORCE_N), Some(&[1.0, 2.0][..]));
+    assert_eq!(imported.summary.left_out, ["column 3"]);
+    assert_eq!(imported.summary.encoding, None);
+}
+
+#[test]
+fn mappings_that_say_nothing_are_refused_with_their_line() {
+    for (from, to, message) in [
+        (
+            "unit = \"s\"",
+            "unit = \"h2\"",
+            ":4: key `time.unit`: expected one of s, ms,",
+        ),
+        (
+            "unit = \"s\"",
+            "",
+            ":2: key `time.unit`: expected one of s, ms,",
+        ),
+        (
+            "unit = \"s\"",
+            "rate_hz = 3",
+            ":2: key `time`: expected either",
+        ),
+        (
+            "column = 1\nunit = \"s\"",
+            "rate_hz = 0",
+            ":2: key `time.rate_hz`: expected a rate",
+        ),
+        (
+            "columns.force_n",
+            "columns.force",
+            ":5: key `columns.force`: expected one of pressure",
+        ),
+        (
+            "unit = \"N\"",
+            "unit = \"Pa\"",
+            ":7: key `columns.force_n.unit`: expected one of N,",
+        ),
+        (
+            "unit = \"N\"",
+            "",
+            ":5: expected a mapping, missing field `unit`",
+        ),
+        (
+            "unit = \"N\"",
+            "unit = \"N\"\nscale = 0",
+            ":5: key `columns.force_n`: expected a scale",
+        ),
+        (
+            "column = 2",
+            "column = true",
+            ":6: expected a mapping, a column's name, or its number",
+        ),
+        (
+            "[time]",
+            "[file]\nskip = 1\n[time]",
+            ":3: expected a mapping, unknown field `skip`",
+        ),
+        (
+            "[time]",
+            "[file]\ndelimiter = \"1\"\n[time]",
+            ":3: key `file.delimiter`: expected one",
+        ),
+        ("[time]", "[time", ":2: expected a mapping,"),
+    ] {
+        let text = SIMPLE.replace(from, to);
+        let error = Map::parse("map.toml", &text).expect_err(to).to_string();
+        assert!(error.starts_with(&format!("map.toml{message}")), "{error}");
+    }
+}
+
+#[test]
+fn matlab_files_are_read_in_each_version() {
+    for (file, format) in [
+        (PLAIN_5, "MATLAB 5"),
+        (PACKED_5, "MATLAB 5"),
+        (V_7_3, "MATLAB 7.3"),
+    ] {
+        let Imported { record, summary } = import(MATLAB, file);
+        assert_eq!((summary.format, summary.rows_read), (format, 200));
+        let t_ms = |row: usize| 10.0 * row as f64;
+        let expected =
+            |value: fn(f64) -> f64| (0..200).map(|row| value(t_ms(row))).collect::<Vec<_>>();
+        let column = |name| record.column(name).expect("the column");
+        assert!(close(record.time_s(), &expected(|t_ms| 1e-3 * t_ms)));
+        assert!(close(
+            column(PRESSURE_PA),
+            &expected(|t_ms| 1e5 * (1.0 + (t_ms / 200.0).sin()))
+        ));
+        assert!(close(
+            column(CONTRACTION),
+            &expected(|t_ms| (t_ms / 300.0).sin())
+        ));
+        assert!(close(column(FORCE_N), &expected(|t_ms| t_ms / 10.0)));
+    }
+    let field = MATLAB.replace("\"p\"", "\"rig.p\"");
+    assert_eq!(
+        import(&field, V_7_3)
+            .record
+            .column(PRESSURE_PA)
+            .map(<[f64]>::len),
+        Some(200)
+    );
+    assert_eq!(
+        refused(&field, PLAIN_5),
+        "bench.txt: column `rig.p`: expected one of t_ms, p, data(:,1) to (:,2), n, found none"
+    );
+    let outside = MATLAB.replace("(:,2)", "(:,3)");
+    assert!(refused(&outside, V_7_3).contains("column `data(:,3)`: expected one of"));
+}
+
+#[test]
+fn the_command_tells_what_it_did_and_spares_its_inputs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |args: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+            .current_dir(folder.path())
+            .arg("import")
+            .args(args)
+            .output()
+            .expect("the command runs")
+    };
+    let example = run(&["--example"]);
+    std::fs::write(folder.path().join("map.toml"), &example.stdout).expect("written");
+    std::fs::write(folder.path().join("a.csv"), Map::EXAMPLE_CSV).expect("written");
+    let words = run(&["a.csv", "--map", "map.toml", "--out", "b.csv"]);
+    let text = String::from_utf8_lossy(&words.stdout);
+    assert!(
+        words.status.success(),
+        "{}",
+        String::from_utf8_lossy(&words.stderr)
+    );
+    for said in [
+        "5 rows read, 5 written",
+        "spread, the first in line 8",
+        "Left out: Bemerkung",
+    ] {
+        assert!(text.contains(said), "{text}");
+    }
+    assert!(folder.path().join("b.csv").exists());
+    let json = run(&["a.csv", "--map", "map.toml", "--out", "b.csv", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&json.stdout).expect("JSON");
+    assert_eq!(json["columns"][2]["name"], "force_n");
+    for out in ["a.csv", "map.toml"] {
+        let spared = run(&["a.csv", "--map", "map.toml", "--out", out]);
+        assert_eq!(spared.status.code(), Some(2));
+    }
+    assert_eq!(run(&["a.csv"]).status.code(), Some(2));
+}
+
+proptest! {
+    /// A damaged file is refused or read, never a crash.
+    #[test]
+    fn damaged_matlab_files_do_no_harm(
+        which in 0..1_usize,
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+        cut in any::<prop::sample::Index>(),
+        is_cut in any::<bool>(),
+    ) {
+        let mut file = [PLAIN_5, PACKED_5, V_7_3][which].to_vec();
+        for (place, byte) in damage {
+            let place = place.index(file.len());
+            file[place] = byte;
+        }
+        if is_cut {
+            file.truncate(cut.index(file.len()));
+        }
+        let _ = map(MATLAB).import("bench.mat", &file);
+    }
+}

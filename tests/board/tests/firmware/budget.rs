@@ -1,0 +1,98 @@
+//! What the firmware takes of its stack and of a tick's time; scripts/budget.sh shows what is
+//! printed here.
+
+use crate::rig::{MS, Rig};
+use crate::timing::ticks;
+use model_core::device::{Command, SimulatedSensors};
+use model_core::frame::{Request, Sensors};
+use model_core::link::ToDevice;
+use model_core::settings::SettingsValues;
+
+/// 1 % of 10 ms at 180 MHz; an instruction takes one cycle at least.
+const INSTRUCTIONS_MAX: u64 = 18_000;
+/// What cortex-m-rt paints the stack with.
+const PAINT: [u8; 4] = [0xCC; 4];
+
+/// Size of the stack, and bytes of it that are used or were since the reset.
+fn stack(rig: &Rig) -> (usize, usize) {
+    let symbol = |name| rig.board.symbol(name).expect("memory.x defines it");
+    let (low, high) = (symbol("_stack_end"), symbol("_stack_start"));
+    let size = (high - low) as usize;
+    let bytes = rig.board.read_memory(low, size);
+    let free = bytes.chunks(4).take_while(|word| **word == PAINT).count();
+    (size, size - 4 * free)
+}
+
+/// Modes and a fault to log, settings to refuse, questions of all kinds, and more sensors than a
+/// tick can take, most of which are old.
+fn keep_busy(rig: &mut Rig) {
+    let refused = SettingsValues {
+        gain: f32::NAN,
+        ..SettingsValues::reference()
+    };
+    rig.send(&ToDevice::WriteSettings(refused));
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(100);
+    rig.board.set_encoder(1 << 20);
+    rig.run_ms(2_000);
+    rig.send(&ToDevice::Command(Command::Request(Request::Reset)));
+    rig.run_ms(1_000);
+    let sensors = |sequence| {
+        ToDevice::Command(Command::Sensors(SimulatedSensors {
+            sequence,
+            sensors: Sensors::default(),
+        }))
+    };
+    rig.send(&ToDevice::Command(Command::EnterHil));
+    for round in 1..100 {
+        rig.send(&sensors(round));
+        for _ in 0..14 {
+            rig.send(&sensors(round / 2));
+        }
+        rig.send(&ToDevice::Identify);
+        rig.send(&ToDevice::ReadSettings);
+        rig.run_ms(10);
+    }
+}
+
+#[test]
+fn tick_and_stack_keep_within_their_budgets() {
+    let Some(mut rig) = Rig::after_ms(15) else {
+        return;
+    };
+    rig.board.trace_exceptions(true);
+    rig.run_ms(1_000);
+    let longest = |rig: &mut Rig| {
+        ticks(&rig.board.exceptions())
+            .iter()
+            .map(|t| t.instructions)
+            .max()
+    };
+    let usual = longest(&mut rig).expect("ticks");
+    keep_busy(&mut rig);
+    let busy = longest(&mut rig).expect("ticks");
+    println!(
+        "tick   {usual:6} of {INSTRUCTIONS_MAX:6} instructions: {:.3} % of 10 ms at 180 MHz; \
+         {busy} if the link asks for all it may",
+        usual as f64 / 18_000.0
+    );
+    assert!(usual < busy && busy < INSTRUCTIONS_MAX);
+
+    // The link's turn and the tick have been at their deepest, if not at once: then it were less
+    // than twice as much.
+    let (size, served) = stack(&rig);
+    // Ticks are masked while settings are stored: nothing comes on top.
+    rig.run_ms(1_000);
+    rig.send(&ToDevice::WriteSettings(SettingsValues::reference()));
+    let mut stored = 0;
+    while rig.board.resets().is_empty() {
+        rig.board.run_for(MS / 100);
+        stored = stored.max(stack(&rig).1);
+    }
+    let bound = stored.max(2 * served);
+    println!(
+        "stack  {bound:6} of {size:6} bytes at most: {served} seen, {stored} storing settings"
+    );
+    assert!(served < stored && bound < size);
+    rig.assert_no_errors();
+}

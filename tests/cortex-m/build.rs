@@ -1,0 +1,77 @@
+//! Makes a program of model-core and its tests. Rust's own harness needs std, which there is none
+//! of on a bare CPU; so `#[test]` is replaced on each function, and a table lists them instead.
+//! Nothing else of model-core is changed, and no line moves.
+
+use std::path::PathBuf;
+use std::{env, fs};
+
+const MODEL_CORE: &str = "../../model-core";
+
+fn main() {
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
+    fs::copy("memory.x", out.join("memory.x")).expect("memory.x stands beside this");
+    println!("cargo:rustc-link-search={}", out.display());
+    println!("cargo:rerun-if-changed=memory.x");
+    println!("cargo:rerun-if-changed={MODEL_CORE}");
+
+    let (mut modules, mut tables) = (String::new(), String::new());
+    for (name, text) in sources("src").into_iter().chain(sources("tests")) {
+        if name == "lib" {
+            continue;
+        }
+        let (text, table) = match text.split_once("#[cfg(test)]\nmod tests {\n") {
+            Some((code, tests)) => {
+                let code = format!("{code}\npub(crate) mod tests {{");
+                (with_table(&name, &code, tests), format!("{name}::tests"))
+            }
+            None if text.contains("#[test]") => {
+                // A file of tests: the table takes the first blank line, past the inner comments.
+                let (comment, tests) = text.split_once("\n\n").expect("a blank line");
+                let comment = format!("{comment}\n");
+                (with_table(&name, &comment, tests), name.clone())
+            }
+            None => (text, String::new()),
+        };
+        let path = out.join(format!("{name}.rs"));
+        fs::write(&path, text).expect("OUT_DIR can be written to");
+        modules += &format!("#[path = {path:?}]\npub mod {name};\n");
+        if !table.is_empty() {
+            tables += &format!("    {table}::TESTS,\n");
+        }
+    }
+    let root = format!("{modules}\nconst TESTS: &[&[host::Test]] = &[\n{tables}];\n");
+    fs::write(out.join("model_core.rs"), root).expect("OUT_DIR can be written to");
+}
+
+/// Name and text of each file; a test file that is called like a source is told apart.
+fn sources(folder: &str) -> Vec<(String, String)> {
+    let entries = fs::read_dir(format!("{MODEL_CORE}/{folder}")).expect("model-core is there");
+    let mut files: Vec<PathBuf> = entries
+        .map(|entry| entry.expect("a readable folder").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "rs"))
+        .collect();
+    files.sort();
+    let read = |path: &PathBuf| {
+        let stem = path.file_stem().expect("a file").to_string_lossy();
+        let name = if folder == "src" {
+            stem.into()
+        } else {
+            format!("{stem}_{folder}")
+        };
+        (name, fs::read_to_string(path).expect("readable"))
+    };
+    files.iter().map(read).collect()
+}
+
+/// `before` and `tests`, with a table of the tests on the line between.
+fn with_table(name: &str, before: &str, tests: &str) -> String {
+    let functions = tests.split("#[test]").skip(1).filter_map(|test| {
+        let (_, function) = test.split_once("fn ")?;
+        Some(function.split_once('(')?.0)
+    });
+    let rows = functions.map(|function| format!("(\"{name}::{function}\", {function}), "));
+    let rows: String = rows.collect();
+    let tests = tests.replace("#[test]", "#[cfg(not(test))]");
+    let table = format!("pub(crate) const TESTS: &[Test] = &[{rows}];");
+    format!("{before} #[allow(unused_imports)] use crate::host::*; {table}\n{tests}")
+}
