@@ -8,7 +8,7 @@
 //! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
 
 use crate::assist::reference_force_n;
-use crate::frame::{Output, Sensors};
+use crate::frame::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
@@ -54,6 +54,10 @@ pub struct State {
     pub moved_to: EncoderCount,
     /// See `moved_to`.
     pub moved_at_pa: f32,
+    /// P_r \[Pa\] that an experiment asked for last, and ticks since then (they saturate).
+    pub played_pa: f32,
+    /// See `played_pa`.
+    pub silent_ticks: u8,
     /// Ticks in which the muscle did what nobody asked for.
     pub uncommanded: Tally,
     /// The strain-gauge bridge \[N\].
@@ -106,6 +110,7 @@ fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
 
     // Analyse: what the sensors say, and whether to believe them.
     let (mut next, verdicts) = sense(values, state, sensors);
+    listen(&mut next, &verdicts, sensors.request);
     let unready = match state.mode {
         Mode::SelfCheck => watch_window(values, &mut next, &verdicts, sensors),
         _ => watch_rest(values, &mut next),
@@ -214,6 +219,18 @@ fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, V
     (next, [bridge_verdict, pressure_verdict, encoder_verdict])
 }
 
+/// What an experiment asks for. On a suspect reading the pressure may only fall.
+fn listen(next: &mut State, verdicts: &Verdicts, request: Request) {
+    next.silent_ticks = next.silent_ticks.saturating_add(1);
+    if let Request::Play(pressure_pa) = request {
+        next.played_pa = pressure_pa as f32;
+        next.silent_ticks = 0;
+    }
+    if verdicts.contains(&Verdict::Suspect) {
+        next.played_pa = next.played_pa.min(next.pressure_ref_pa);
+    }
+}
+
 /// True where the pressure has changed by more than static friction can hold since the encoder
 /// moved. On its stop the weight rests until it is lifted.
 fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, at_stop: bool) -> bool {
@@ -293,6 +310,7 @@ fn findings(
         uncommanded: next.uncommanded.is_full(values.suspect_ticks),
         mode_ticks: next.mode_ticks,
         window_ticks: next.window_ticks,
+        silent_ticks: next.silent_ticks,
         bridging: next.bridging,
         latched: next.fault.is_some(),
     }
@@ -341,6 +359,21 @@ fn next_reference_pa(
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
         Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S,
+        Mode::Playing => {
+            let asked_pa = state.played_pa.min(values.play_pressure_pa_max);
+            // Past the limit of travel the pressure may only fall.
+            let too_short = contraction > values.contraction_max;
+            let target_pa = if too_short {
+                asked_pa.min(now_pa)
+            } else {
+                asked_pa
+            };
+            now_pa
+                + limited(
+                    target_pa - now_pa,
+                    values.pressure_rate_pa_per_s_max * TICK_S,
+                )
+        }
         Mode::Assisting => {
             let law = reference_pressure(
                 &values.muscle,

@@ -49,6 +49,7 @@ pub const LIMITS: &[Limit] = limits! {
     pressure_trip_pa: 1e3, 3e6, "above what the loop may ask for";
     pressure_rate_pa_per_s_max: 1e4, 1e7, "10 kPa/s is sluggish; 100 kPa a tick";
     engage_rate_pa_per_s: 1e3, 1e7, "slower than assisting";
+    play_pressure_pa_max: 0.0, 2e6, "0: the link alone moves nothing";
     vent_rate_pa_per_s: 1e3, 1e6, "lets the weight down, does not drop it";
     vented_pa: 1e2, 1e5, "below what lifts anything";
     contraction_max: 0.01, 0.9, "before Eq 8 is singular";

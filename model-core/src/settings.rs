@@ -9,7 +9,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
 /// Version of [`SettingsValues`]: it changes with every change of the struct.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 /// A buffer of this size holds any encoded settings.
 pub const ENCODED_LEN_MAX: usize = 256;
 /// Period of the tick \[s\], the paper's sampling time.
@@ -52,6 +52,8 @@ pub struct SettingsValues {
     pub pressure_rate_pa_per_s_max: f32,
     /// The same until the reference has met the assist law \[Pa/s\].
     pub engage_rate_pa_per_s: f32,
+    /// Highest pressure that an experiment over the link may ask for, gauge \[Pa\]; 0: no experiment.
+    pub play_pressure_pa_max: f32,
     /// How fast the reference falls when venting \[Pa/s\].
     pub vent_rate_pa_per_s: f32,
     /// Below this the muscle counts as vented, gauge \[Pa\].
@@ -126,6 +128,7 @@ impl SettingsValues {
             pressure_trip_pa: 5.6e5,
             pressure_rate_pa_per_s_max: 5e6,
             engage_rate_pa_per_s: 2.5e5,
+            play_pressure_pa_max: 0.0,
             vent_rate_pa_per_s: 2e5,
             vented_pa: 2e4,
             contraction_max: 0.30,
@@ -146,7 +149,7 @@ impl SettingsValues {
     }
 
     /// What the limits of the loop must be to each other.
-    fn loop_relations(&self) -> [Relation; 8] {
+    fn loop_relations(&self) -> [Relation; 9] {
         let at_max_m2 = self.muscle.force_per_pressure_m2(self.contraction_max);
         [
             (
@@ -164,6 +167,11 @@ impl SettingsValues {
                 self.pressure_pa_max <= self.supply_pressure_pa,
                 "pressure_pa_max",
                 "at most supply_pressure_pa",
+            ),
+            (
+                self.play_pressure_pa_max <= self.pressure_pa_max,
+                "play_pressure_pa_max",
+                "at most pressure_pa_max",
             ),
             (
                 self.pressure_trip_pa > self.pressure_pa_max,

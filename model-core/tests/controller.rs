@@ -7,7 +7,7 @@ use model_core::limits::LIMITS;
 use model_core::plausibility::Doubt;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
-use model_core::supervisor::{Fault, Mode};
+use model_core::supervisor::{Fault, Mode, PLAY_SILENCE_TICKS};
 use proptest::prelude::*;
 
 fn reference() -> Settings {
@@ -106,6 +106,149 @@ fn self_check_takes_the_zeros_and_assisting_begins_without_a_bump() {
     }
     // No finger, no force: Eq 8 at F_c = 0 is γ/(α + β) = 76.8 kPa; a count of force is 0.1 kPa.
     assert!((last_pa - 76_832.0).abs() < 250.0, "{last_pa}");
+}
+
+/// Settings that let an experiment go up to 400 kPa.
+fn that_play() -> SettingsValues {
+    SettingsValues {
+        play_pressure_pa_max: 4e5,
+        ..SettingsValues::reference()
+    }
+}
+
+/// A bench that is ready, with these settings.
+fn ready(values: SettingsValues) -> Bench {
+    let mut bench = Bench::new();
+    bench.controller = Controller::new(Settings::new(values).expect("valid settings"));
+    bench.until(60, |output| output.mode == Mode::Ready);
+    bench
+}
+
+/// A bench in an experiment at 100 kPa, where the weight rests on its stop.
+fn playing() -> Bench {
+    let mut bench = ready(that_play());
+    bench.request = Request::Play(100_000);
+    bench.until(20, |output| output.pressure_ref.0 == 1e5);
+    bench
+}
+
+#[test]
+fn an_experiment_is_refused_unless_the_settings_allow_it_and_the_check_has_passed() {
+    let mut bench = ready(SettingsValues::reference());
+    bench.request = Request::Play(100_000);
+    for _ in 0..200 {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.valve.get()), (Mode::Ready, 0));
+    }
+    let mut bench = Bench::new();
+    bench.controller = Controller::new(Settings::new(that_play()).expect("valid settings"));
+    bench.request = Request::Play(100_000);
+    let modes: Vec<Mode> = (0..52).map(|_| bench.tick().mode).collect();
+    assert!(modes[..50].iter().all(|mode| *mode == Mode::SelfCheck));
+    assert_eq!(modes[51], Mode::Playing);
+    let mut assisting = Bench::assisting();
+    assisting.request = Request::Play(400_000);
+    assert_eq!(assisting.tick().mode, Mode::Assisting);
+}
+
+#[test]
+fn an_experiment_stays_within_its_pressure_and_rate() {
+    let mut bench = ready(SettingsValues {
+        pressure_rate_pa_per_s_max: 1e6,
+        ..that_play()
+    });
+    let mut last_pa = 0.0;
+    for (pressure_pa, ends_pa) in [(150_000, 1.5e5), (20_000, 2e4), (200_000, 2e5), (0, 0.0)] {
+        bench.request = Request::Play(pressure_pa);
+        for _ in 0..20 {
+            let output = bench.tick();
+            bench.pressure_pa = output.pressure_ref.0;
+            let change_pa = output.pressure_ref.0 - last_pa;
+            assert!(change_pa.abs() <= 1e4 + 0.1, "{change_pa}");
+            last_pa = output.pressure_ref.0;
+        }
+        assert_eq!(last_pa, ends_pa);
+    }
+    // Off its stop the weight moves, or the encoder would be thought stuck.
+    bench.request = Request::Play(u32::MAX);
+    for _ in 0..100 {
+        bench.contraction = (bench.contraction + 2e-3).min(0.2);
+        let output = bench.tick();
+        bench.pressure_pa = output.pressure_ref.0;
+        last_pa = output.pressure_ref.0;
+    }
+    assert_eq!(last_pa, 4e5);
+}
+
+#[test]
+fn an_experiment_that_nobody_goes_on_with_vents() {
+    let mut bench = playing();
+    bench.request = Request::None;
+    for _ in 1..PLAY_SILENCE_TICKS {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.pressure_ref.0), (Mode::Playing, 1e5));
+    }
+    assert_eq!(bench.tick().mode, Mode::Venting);
+    bench.until(60, |output| output.pressure_ref.0 == 0.0);
+    bench.request = Request::Play(100_000);
+    for _ in 0..100 {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.valve.get()), (Mode::Venting, 0));
+    }
+}
+
+#[test]
+fn an_experiment_ends_with_venting_and_with_every_fault() {
+    let mut bench = playing();
+    bench.request = Request::Vent;
+    assert_eq!(bench.tick().mode, Mode::Venting);
+
+    type Break = fn(&mut Sensors);
+    let faults: [(Break, Fault); 3] = [
+        (
+            |sensors| sensors.pressure.0 = 0,
+            Fault::Pressure(Doubt::Range),
+        ),
+        (
+            |sensors| sensors.bridge.0 = 4095,
+            Fault::Bridge(Doubt::Range),
+        ),
+        (|sensors| sensors.missed_ticks = 9, Fault::MissedTicks),
+    ];
+    for (breaks, fault) in faults {
+        let mut bench = playing();
+        let mut last = bench.tick();
+        for _ in 0..10 {
+            let mut sensors = Sensors {
+                request: Request::Play(300_000),
+                ..bench.sensors()
+            };
+            breaks(&mut sensors);
+            let output = bench.tick_with(&sensors);
+            assert!(
+                output.pressure_ref.0 <= last.pressure_ref.0,
+                "suspect: it may only fall"
+            );
+            last = output;
+        }
+        assert_eq!((last.mode, last.fault), (Mode::Venting, Some(fault)));
+    }
+}
+
+#[test]
+fn past_its_travel_an_experiment_may_only_lower_the_pressure() {
+    let mut bench = playing();
+    // Up to 0.31 step by step, as the encoder allows; the trip level is 0.33.
+    while bench.contraction < 0.31 {
+        bench.contraction += 0.01;
+        bench.tick();
+    }
+    bench.request = Request::Play(150_000);
+    for _ in 0..5 {
+        assert_eq!(bench.tick().pressure_ref.0, 1e5);
+    }
+    bench.request = Request::Play(90_000);
+    assert_eq!(bench.tick().pressure_ref.0, 9e4);
 }
 
 #[test]
@@ -537,7 +680,7 @@ fn settings_survive_a_round_trip_and_no_flipped_bit_or_cut_does() {
 /// The reference with one value's bytes replaced by any others.
 fn any_settings() -> impl Strategy<Value = SettingsValues> {
     let mut buffer = [0; ENCODED_LEN_MAX];
-    let bytes = postcard::to_slice(&SettingsValues::reference(), &mut buffer).expect("it fits");
+    let bytes = postcard::to_slice(&that_play(), &mut buffer).expect("it fits");
     let bytes = bytes.to_vec();
     let special = prop_oneof![
         any::<u32>(),
@@ -546,8 +689,8 @@ fn any_settings() -> impl Strategy<Value = SettingsValues> {
         Just(f32::NAN.to_bits()),
         Just(f32::INFINITY.to_bits()),
     ];
-    // 29 floats come first, four bytes each.
-    (0..29_usize, special).prop_filter_map("not settings", move |(place, bits)| {
+    // 30 floats come first, four bytes each.
+    (0..30_usize, special).prop_filter_map("not settings", move |(place, bits)| {
         let mut bytes = bytes.clone();
         bytes[4 * place..4 * place + 4].copy_from_slice(&bits.to_le_bytes());
         postcard::from_bytes(&bytes).ok()
@@ -561,6 +704,8 @@ fn any_sensors() -> impl Strategy<Value = Sensors> {
         Just(Request::Hold),
         Just(Request::Vent),
         Just(Request::Reset),
+        any::<u32>().prop_map(Request::Play),
+        (0..600_000_u32).prop_map(Request::Play),
     ];
     // Plausible readings among impossible ones, so that every mode is reached.
     let adc = |usual: std::ops::Range<u16>| prop_oneof![4 => usual, 1 => any::<u16>()];
@@ -610,6 +755,9 @@ proptest! {
             for value in [output.finger_force_n, output.reference_force_n, output.contraction,
                           output.pressure.0] {
                 prop_assert!(value.is_finite());
+            }
+            if output.mode == Mode::Playing {
+                prop_assert!(output.pressure_ref.0 <= values.play_pressure_pa_max);
             }
             let sent = values.valve_drive.pressure(output.valve).0;
             // The DAC is within half a count of the reference.
