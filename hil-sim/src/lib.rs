@@ -19,6 +19,7 @@ pub mod mcap;
 pub mod output;
 pub mod paper;
 pub mod plant;
+pub mod player;
 pub mod record;
 pub mod recorder;
 pub mod replay;

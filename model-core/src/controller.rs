@@ -9,7 +9,7 @@
 
 use crate::assist::reference_force_n;
 use crate::consistency::{ForceBalance, PressureFollower};
-use crate::frame::{Output, Sensors};
+use crate::frame::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
@@ -56,6 +56,10 @@ pub struct State {
     pub moved_to: EncoderCount,
     /// See `moved_to`.
     pub moved_at_pa: f32,
+    /// P_r \[Pa\] that an experiment asked for last, and ticks since then (they saturate).
+    pub played_pa: f32,
+    /// See `played_pa`.
+    pub silent_ticks: u8,
     /// Ticks in which the muscle did what nobody asked for.
     pub uncommanded: Tally,
     /// The strain-gauge bridge \[N\].
@@ -158,6 +162,7 @@ fn tick(
 
     // Analyse: what the sensors say, and whether to believe them.
     let (mut next, verdicts) = sense(values, state, sensors, switches);
+    listen(&mut next, &verdicts, sensors.request);
     let unready = match state.mode {
         Mode::SelfCheck => watch_window(values, &mut next, &verdicts, sensors),
         _ => watch_rest(values, &mut next),
@@ -281,6 +286,18 @@ fn sense(
     (next, [bridge_verdict, pressure_verdict, encoder_verdict])
 }
 
+/// What an experiment asks for. On a suspect reading the pressure may only fall.
+fn listen(next: &mut State, verdicts: &Verdicts, request: Request) {
+    next.silent_ticks = next.silent_ticks.saturating_add(1);
+    if let Request::Play(pressure_pa) = request {
+        next.played_pa = pressure_pa as f32;
+        next.silent_ticks = 0;
+    }
+    if verdicts.contains(&Verdict::Suspect) {
+        next.played_pa = next.played_pa.min(next.pressure_ref_pa);
+    }
+}
+
 /// True where the pressure has changed by more than static friction can hold since the encoder
 /// moved. On its stop the weight rests until it is lifted, which the force balance tells.
 fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel: i32) -> bool {
@@ -374,6 +391,7 @@ fn findings(
         uncommanded: next.uncommanded.is_full(values.suspect_ticks),
         mode_ticks: next.mode_ticks,
         window_ticks: next.window_ticks,
+        silent_ticks: next.silent_ticks,
         bridging: next.bridging,
         latched: next.fault.is_some(),
         pressure_astray: next.follower.has_failed(values),
@@ -433,6 +451,15 @@ fn next_reference_pa(
     } else {
         f32::MAX
     };
+    // Past the limit of travel the pressure may only fall.
+    let too_short = target.contraction > values.contraction_max;
+    let way_pa = |target_pa: f32| {
+        if too_short && switches.on(SafetyFunction::WeightWatch) {
+            target_pa.min(now_pa) - now_pa
+        } else {
+            target_pa - now_pa
+        }
+    };
     let next_pa = match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
@@ -447,6 +474,10 @@ fn next_reference_pa(
             };
             now_pa - rate_pa_per_s * TICK_S
         }
+        Mode::Playing => {
+            let asked_pa = state.played_pa.min(values.play_pressure_pa_max);
+            now_pa + limited(way_pa(asked_pa), moving_pa_per_s * TICK_S)
+        }
         Mode::Assisting => {
             let law = reference_pressure(
                 &values.muscle,
@@ -455,16 +486,12 @@ fn next_reference_pa(
                 values.contraction_max,
                 settings.pressure_max(),
             );
-            // Past the limit of travel the pressure may only fall.
-            let too_short = target.contraction > values.contraction_max
-                && switches.on(SafetyFunction::WeightWatch);
-            let target_pa = if too_short { law.0.min(now_pa) } else { law.0 };
             let rate_pa_per_s = if state.engaged {
                 moving_pa_per_s
             } else {
                 moving_pa_per_s.min(values.engage_rate_pa_per_s)
             };
-            let way_pa = target_pa - now_pa;
+            let way_pa = way_pa(law.0);
             let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == way_pa;
             now_pa + step_pa
@@ -498,7 +525,7 @@ impl State {
     pub fn flip(&mut self, bit: usize) {
         let float =
             |value: &mut f32, bit: usize| *value = f32::from_bits(value.to_bits() ^ 1 << bit);
-        let (value, bit) = (bit / 32 % 10, bit % 32);
+        let (value, bit) = (bit / 32 % 12, bit % 32);
         match value {
             0 => float(&mut self.pressure_ref_pa, bit),
             1 => float(&mut self.tare_n, bit),
@@ -509,6 +536,8 @@ impl State {
             6 => self.fault = self.fault.xor(Some(Fault::OverPressure)),
             7 => self.moved_to.0 ^= 1 << bit,
             8 => float(&mut self.moved_at_pa, bit),
+            9 => float(&mut self.played_pa, bit),
+            10 => self.silent_ticks ^= 1 << (bit % 8),
             _ => self.empty_ticks ^= 1 << (bit % 16),
         }
     }

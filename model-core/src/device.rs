@@ -163,7 +163,8 @@ impl Device {
     /// True unless the reference pressure is zero and stays there until somebody asks.
     pub fn is_armed(&self) -> bool {
         let state = self.controller.state();
-        matches!(state.mode, Mode::Assisting | Mode::Holding) || state.pressure_ref_pa > 0.0
+        let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
+        moves || state.pressure_ref_pa > 0.0
     }
 
     fn enter_hil(&mut self, hil: &mut Option<Hil>) {
@@ -256,7 +257,7 @@ impl Button {
         match mode {
             Mode::SelfCheck => Request::None,
             Mode::Ready => Request::Assist,
-            Mode::Assisting | Mode::Holding => Request::Vent,
+            Mode::Assisting | Mode::Holding | Mode::Playing => Request::Vent,
             Mode::Venting => Request::Reset,
         }
     }
@@ -340,6 +341,30 @@ mod tests {
         press(Mode::Assisting);
         press(Mode::Venting);
         press(Mode::SelfCheck);
+    }
+
+    #[test]
+    fn an_experiment_is_armed_and_the_button_ends_it() {
+        let values = SettingsValues {
+            stuck_ticks: 0,
+            play_pressure_pa_max: 1e5,
+            ..SettingsValues::reference()
+        };
+        let mut device = Device::new(Settings::new(values).unwrap());
+        let play = [Command::Request(Request::Play(0))];
+        let mut seen = tick(&mut device, &resting(), &play);
+        for _ in 0..60 {
+            seen = tick(&mut device, &resting(), &play);
+        }
+        assert_eq!((mode(&seen), seen.armed), (Mode::Playing, true));
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        for _ in 0..BUTTON_TICKS {
+            seen = tick(&mut device, &pressed, &[]);
+        }
+        assert_eq!(mode(&seen), Mode::Venting);
     }
 
     #[test]

@@ -51,6 +51,7 @@ pub const LIMITS: &[Limit] = limits! {
     pressure_lag_s: 0.02, 10.0, "two ticks to what no assist can use";
     pressure_error_pa_max: 1e3, 1e6, "above any sensor's error";
     engage_rate_pa_per_s: 1e3, 1e7, "slower than assisting";
+    play_pressure_pa_max: 0.0, 2e6, "0: the link alone moves nothing";
     vent_rate_pa_per_s: 1e3, 1e6, "lets the weight down, does not drop it";
     vented_pa: 1e2, 1e5, "below what lifts anything";
     contraction_max: 0.01, 0.9, "before Eq 8 is singular";

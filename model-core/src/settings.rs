@@ -59,6 +59,8 @@ pub struct SettingsValues {
     pub pressure_error_pa_max: f32,
     /// Fastest change of the reference until it has met the assist law \[Pa/s\].
     pub engage_rate_pa_per_s: f32,
+    /// Highest pressure that an experiment over the link may ask for, gauge \[Pa\]; 0: no experiment.
+    pub play_pressure_pa_max: f32,
     /// How fast the reference falls when venting \[Pa/s\].
     pub vent_rate_pa_per_s: f32,
     /// Below this the muscle counts as vented, gauge \[Pa\].
@@ -135,6 +137,7 @@ impl SettingsValues {
             pressure_lag_s: 0.3,
             pressure_error_pa_max: 9e4,
             engage_rate_pa_per_s: 2.5e5,
+            play_pressure_pa_max: 0.0,
             vent_rate_pa_per_s: 2e5,
             vented_pa: 2e4,
             contraction_max: 0.30,
@@ -156,7 +159,7 @@ impl SettingsValues {
     }
 
     /// What the limits of the loop must be to each other.
-    fn loop_relations(&self) -> [Relation; 8] {
+    fn loop_relations(&self) -> [Relation; 9] {
         let at_max_m2 = self.muscle.force_per_pressure_m2(self.contraction_max);
         [
             (
@@ -174,6 +177,11 @@ impl SettingsValues {
                 self.pressure_pa_max <= self.supply_pressure_pa,
                 "pressure_pa_max",
                 "at most supply_pressure_pa",
+            ),
+            (
+                self.play_pressure_pa_max <= self.pressure_pa_max,
+                "play_pressure_pa_max",
+                "at most pressure_pa_max",
             ),
             (
                 self.pressure_trip_pa > self.pressure_pa_max,

@@ -7,6 +7,9 @@
 //!     └──Reset, vented── Venting ◀─────────────────────────────────────┴───────────────┘
 //! ```
 //!
+//! Ready ──Play──▶ Playing ──Vent, silence or any fault──▶ Venting: an experiment's pressures, where
+//! the settings allow them. Nobody has to hold a lever for it, so it ends when nobody asks any more.
+//!
 //! A fault is latched with its reason until it is reset, also while venting on request; the first
 //! one counts. Venting lowers the reference at a limited rate: the weight is let down, not dropped.
 
@@ -15,6 +18,9 @@ use crate::plausibility::{Doubt, Verdict};
 use crate::safety::{SafetyFunction, Switches};
 use crate::settings::SettingsValues;
 use serde::{Deserialize, Serialize};
+
+/// An experiment ends after so many ticks in which no pressure was asked for: half a second.
+pub const PLAY_SILENCE_TICKS: u8 = 50;
 
 /// What the controller does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,6 +36,8 @@ pub enum Mode {
     Holding,
     /// The pressure reference falls to zero and stays there.
     Venting,
+    /// The pressure reference follows what is asked for: an experiment.
+    Playing,
 }
 
 /// Why the controller vents.
@@ -84,6 +92,8 @@ pub(crate) struct Findings {
     /// Ticks in this mode, and good ones in a row of the self-check.
     pub mode_ticks: u16,
     pub window_ticks: u16,
+    /// Ticks since an experiment's pressure was asked for.
+    pub silent_ticks: u8,
     /// Holding only because a reading was suspect.
     pub bridging: bool,
     /// A fault is latched.
@@ -160,9 +170,10 @@ pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -
         Mode::Venting => from_venting(findings),
         _ if findings.request == Request::Vent => Decision::Go(Mode::Venting),
         Mode::SelfCheck => from_self_check(values, findings),
-        Mode::Ready => from_ready(findings),
+        Mode::Ready => from_ready(values, findings),
         Mode::Assisting => from_assisting(findings),
         Mode::Holding => from_holding(findings),
+        Mode::Playing => from_playing(findings),
     }
 }
 
@@ -183,12 +194,25 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
     }
 }
 
-fn from_ready(findings: &Findings) -> Decision {
+fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
     let watched = findings.switches.on(SafetyFunction::RestWatch);
     let at_rest = findings.unready.is_none() || !watched;
+    let may_begin = at_rest && !findings.suspect();
     match findings.request {
-        Request::Assist if at_rest && !findings.suspect() => Decision::Go(Mode::Assisting),
+        Request::Assist if may_begin => Decision::Go(Mode::Assisting),
+        Request::Play(_) if may_begin && values.play_pressure_pa_max > 0.0 => {
+            Decision::Go(Mode::Playing)
+        }
         _ => Decision::Stay,
+    }
+}
+
+/// An experiment has a program behind it: when that is silent, nobody is watching.
+fn from_playing(findings: &Findings) -> Decision {
+    if findings.silent_ticks >= PLAY_SILENCE_TICKS {
+        Decision::Go(Mode::Venting)
+    } else {
+        Decision::Stay
     }
 }
 

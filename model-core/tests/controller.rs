@@ -8,7 +8,7 @@ use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
-use model_core::supervisor::{Fault, Mode};
+use model_core::supervisor::{Fault, Mode, PLAY_SILENCE_TICKS};
 use proptest::prelude::*;
 
 fn reference() -> Settings {
@@ -62,6 +62,15 @@ impl Bench {
         self.controller.tick(sensors)
     }
 
+    /// A tick of a muscle that follows its reference at once, in balance with its weight.
+    fn tick_in_balance(&mut self) -> Output {
+        let output = self.tick();
+        self.pressure_pa = output.pressure_ref.0;
+        let area_m2 = (117.7 + 183.0) / self.pressure_pa;
+        self.contraction = (1.0 - ((area_m2 + 1.39e-3) / 3.7718e-3).sqrt()).max(0.0);
+        output
+    }
+
     /// Ticks until `done`, at most `ticks` times.
     fn until(&mut self, ticks: u32, mut done: impl FnMut(&Output) -> bool) -> Output {
         for _ in 0..ticks {
@@ -107,6 +116,149 @@ fn self_check_takes_the_zeros_and_assisting_begins_without_a_bump() {
     }
     // No finger, no force: Eq 8 at F_c = 0 is γ/(α + β) = 76.8 kPa; a count of force is 0.1 kPa.
     assert!((last_pa - 76_832.0).abs() < 250.0, "{last_pa}");
+}
+
+/// Settings that let an experiment go up to 400 kPa.
+fn that_play() -> SettingsValues {
+    SettingsValues {
+        play_pressure_pa_max: 4e5,
+        ..SettingsValues::reference()
+    }
+}
+
+/// A bench that is ready, with these settings.
+fn ready(values: SettingsValues) -> Bench {
+    let mut bench = Bench::new();
+    bench.controller = Controller::new(Settings::new(values).expect("valid settings"));
+    bench.until(60, |output| output.mode == Mode::Ready);
+    bench
+}
+
+/// A bench in an experiment at 100 kPa, where the weight rests on its stop.
+fn playing() -> Bench {
+    let mut bench = ready(that_play());
+    bench.request = Request::Play(100_000);
+    bench.until(60, |output| output.pressure_ref.0 == 1e5);
+    bench
+}
+
+#[test]
+fn an_experiment_is_refused_unless_the_settings_allow_it_and_the_check_has_passed() {
+    let mut bench = ready(SettingsValues::reference());
+    bench.request = Request::Play(100_000);
+    for _ in 0..200 {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.valve.get()), (Mode::Ready, 0));
+    }
+    let mut bench = Bench::new();
+    bench.controller = Controller::new(Settings::new(that_play()).expect("valid settings"));
+    bench.request = Request::Play(100_000);
+    let modes: Vec<Mode> = (0..52).map(|_| bench.tick().mode).collect();
+    assert!(modes[..50].iter().all(|mode| *mode == Mode::SelfCheck));
+    assert_eq!(modes[51], Mode::Playing);
+    let mut assisting = Bench::assisting();
+    assisting.request = Request::Play(400_000);
+    assert_eq!(assisting.tick().mode, Mode::Assisting);
+}
+
+#[test]
+fn an_experiment_stays_within_its_pressure_and_rate() {
+    let mut bench = ready(that_play());
+    let values = *bench.controller.settings().values();
+    let mut last_pa = 0.0;
+    for (pressure_pa, ends_pa) in [
+        (150_000, 1.5e5),
+        (20_000, 2e4),
+        (300_000, 3e5),
+        (u32::MAX, 4e5),
+        (0, 0.0),
+    ] {
+        bench.request = Request::Play(pressure_pa);
+        let mut fastest = 0.0_f32;
+        for _ in 0..200 {
+            let output = bench.tick_in_balance();
+            let most_pa = 0.01 * moving_rate(&values, output.contraction, last_pa);
+            let change_pa = (output.pressure_ref.0 - last_pa).abs();
+            assert!(change_pa <= most_pa + 0.1, "{change_pa}");
+            fastest = fastest.max(change_pa / most_pa);
+            last_pa = output.pressure_ref.0;
+        }
+        assert_eq!(last_pa, ends_pa);
+        assert!(fastest > 0.99, "as fast as it may, {fastest}");
+    }
+}
+
+#[test]
+fn an_experiment_that_nobody_goes_on_with_vents() {
+    let mut bench = playing();
+    bench.request = Request::None;
+    for _ in 1..PLAY_SILENCE_TICKS {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.pressure_ref.0), (Mode::Playing, 1e5));
+    }
+    assert_eq!(bench.tick().mode, Mode::Venting);
+    bench.until(60, |output| output.pressure_ref.0 == 0.0);
+    bench.request = Request::Play(100_000);
+    for _ in 0..100 {
+        let output = bench.tick();
+        assert_eq!((output.mode, output.valve.get()), (Mode::Venting, 0));
+    }
+}
+
+#[test]
+fn an_experiment_ends_with_venting_and_with_every_fault() {
+    let mut bench = playing();
+    bench.request = Request::Vent;
+    assert_eq!(bench.tick().mode, Mode::Venting);
+
+    type Break = fn(&mut Sensors);
+    let faults: [(Break, Fault); 3] = [
+        (
+            |sensors| sensors.pressure.0 = 0,
+            Fault::Pressure(Doubt::Range),
+        ),
+        (
+            |sensors| sensors.bridge.0 = 4095,
+            Fault::Bridge(Doubt::Range),
+        ),
+        (|sensors| sensors.missed_ticks = 9, Fault::MissedTicks),
+    ];
+    for (breaks, fault) in faults {
+        let mut bench = playing();
+        let mut last = bench.tick();
+        for _ in 0..10 {
+            let mut sensors = Sensors {
+                request: Request::Play(300_000),
+                ..bench.sensors()
+            };
+            breaks(&mut sensors);
+            let output = bench.tick_with(&sensors);
+            assert!(
+                output.pressure_ref.0 <= last.pressure_ref.0,
+                "suspect: it may only fall"
+            );
+            last = output;
+        }
+        assert_eq!((last.mode, last.fault), (Mode::Venting, Some(fault)));
+    }
+}
+
+#[test]
+fn past_its_travel_an_experiment_may_only_lower_the_pressure() {
+    let mut bench = ready(SettingsValues {
+        contraction_max: 0.15,
+        ..that_play()
+    });
+    bench.request = Request::Play(400_000);
+    let mut last_pa = 0.0;
+    for _ in 0..200 {
+        last_pa = bench.tick_in_balance().pressure_ref.0;
+    }
+    // In balance at 0.15: 300.7 N over (3.7718e-3 · 0.85² − 1.39e-3) m².
+    assert!((last_pa - 225_300.0).abs() < 1e4, "{last_pa}");
+    bench.request = Request::Play(200_000);
+    bench.tick_in_balance();
+    assert!(bench.tick_in_balance().pressure_ref.0 < last_pa - 1e3);
 }
 
 #[test]
@@ -256,15 +408,11 @@ fn trips_vent_slowly_and_only_a_reset_once_vented_ends_it() {
     let mut bench = Bench::assisting();
     bench.finger_n = 17.0;
     for _ in 0..400 {
-        let output = bench.tick();
-        bench.pressure_pa = output.pressure_ref.0;
-        // In balance with the weight; at the highest pressure something lifts it on.
-        let area_m2 = (117.7 + 183.0) / bench.pressure_pa;
-        let balanced = 1.0 - ((area_m2 + 1.39e-3) / 3.7718e-3).sqrt();
+        let before = bench.contraction;
+        let output = bench.tick_in_balance();
+        // At the highest pressure something lifts it on.
         if bench.pressure_pa > 4.99e5 {
-            bench.contraction += 0.01;
-        } else {
-            bench.contraction = balanced.max(0.0);
+            bench.contraction = before + 0.01;
         }
         if output.fault.is_some() {
             break;
@@ -590,7 +738,7 @@ fn settings_survive_a_round_trip_and_no_flipped_bit_or_cut_does() {
 /// The reference with one value's bytes replaced by any others.
 fn any_settings() -> impl Strategy<Value = SettingsValues> {
     let mut buffer = [0; ENCODED_LEN_MAX];
-    let bytes = postcard::to_slice(&SettingsValues::reference(), &mut buffer).expect("it fits");
+    let bytes = postcard::to_slice(&that_play(), &mut buffer).expect("it fits");
     let bytes = bytes.to_vec();
     let special = prop_oneof![
         any::<u32>(),
@@ -599,8 +747,8 @@ fn any_settings() -> impl Strategy<Value = SettingsValues> {
         Just(f32::NAN.to_bits()),
         Just(f32::INFINITY.to_bits()),
     ];
-    // 32 floats come first, four bytes each.
-    (0..32_usize, special).prop_filter_map("not settings", move |(place, bits)| {
+    // 33 floats come first, four bytes each.
+    (0..33_usize, special).prop_filter_map("not settings", move |(place, bits)| {
         let mut bytes = bytes.clone();
         bytes[4 * place..4 * place + 4].copy_from_slice(&bits.to_le_bytes());
         postcard::from_bytes(&bytes).ok()
@@ -624,6 +772,8 @@ fn any_sensors() -> impl Strategy<Value = Sensors> {
         Just(Request::Hold),
         Just(Request::Vent),
         Just(Request::Reset),
+        any::<u32>().prop_map(Request::Play),
+        (0..600_000_u32).prop_map(Request::Play),
     ];
     // Plausible readings among impossible ones, so that every mode is reached.
     let adc = |usual: std::ops::Range<u16>| prop_oneof![4 => usual, 1 => any::<u16>()];
@@ -673,6 +823,9 @@ proptest! {
             for value in [output.finger_force_n, output.reference_force_n, output.contraction,
                           output.pressure.0] {
                 prop_assert!(value.is_finite());
+            }
+            if output.mode == Mode::Playing {
+                prop_assert!(output.pressure_ref.0 <= values.play_pressure_pa_max);
             }
             let sent = values.valve_drive.pressure(output.valve).0;
             // The DAC is within half a count of the reference.
