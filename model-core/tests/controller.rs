@@ -66,8 +66,13 @@ impl Bench {
     fn tick_in_balance(&mut self) -> Output {
         let output = self.tick();
         self.pressure_pa = output.pressure_ref.0;
-        let area_m2 = (117.7 + 183.0) / self.pressure_pa;
-        self.contraction = (1.0 - ((area_m2 + 1.39e-3) / 3.7718e-3).sqrt()).max(0.0);
+        let square = ((117.7 + 183.0) / self.pressure_pa + 1.39e-3) / 3.7718e-3;
+        let mut shortened = 1.0 - self.contraction;
+        // Newton's square root, from the tick before: no_std has none.
+        for _ in 0..5 {
+            shortened = 0.5 * (shortened + square / shortened);
+        }
+        self.contraction = (1.0 - shortened).max(0.0);
         output
     }
 
