@@ -117,6 +117,12 @@ impl Controller {
         output
     }
 
+    /// Begins with the self-check again.
+    pub fn restart(&mut self) {
+        self.settings.set(*self.settings.get());
+        self.state.set(State::default());
+    }
+
     /// What it remembers.
     pub fn state(&self) -> &State {
         self.state.get()

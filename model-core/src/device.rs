@@ -182,7 +182,7 @@ impl Device {
 
     /// The controller's past was another world's.
     fn restart(&mut self) {
-        self.controller = Controller::new(*self.controller.settings());
+        self.controller.restart();
         self.output = Output::default();
     }
 

@@ -14,7 +14,9 @@ impl<T: Copy + PartialEq> Voted<T> {
 
     /// Sets all copies.
     pub fn set(&mut self, value: T) {
-        self.0 = [value; 3];
+        for copy in &mut self.0 {
+            *copy = value;
+        }
     }
 
     /// The value that two copies agree on; the first copy where all differ (see
