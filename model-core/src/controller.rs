@@ -542,7 +542,8 @@ impl State {
             6 => self.fault = self.fault.xor(Some(Fault::OverPressure)),
             7 => self.moved_to.0 ^= 1 << bit,
             8 => float(&mut self.moved_at_pa, bit),
-            9 => float(&mut self.played_pa, bit),
+            // Not the sign of zero, which changes nothing.
+            9 => float(&mut self.played_pa, bit % 31),
             10 => self.silent_ticks ^= 1 << (bit % 8),
             _ => self.empty_ticks ^= 1 << (bit % 16),
         }
