@@ -8,9 +8,10 @@ use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated};
+use crate::player::Player;
 use crate::record::Record;
 use crate::recorder::{self, Row};
-use crate::rig::Rig;
+use crate::rig::{Load, Rig};
 use model_core::assist::Assist;
 use model_core::error::SettingsError;
 use model_core::frame::{Output, Request, Sensors};
@@ -144,6 +145,8 @@ impl Finger {
 pub struct Experiment {
     /// What the hand intends.
     pub finger: Finger,
+    /// An experiment's pressures to play, in place of assisting.
+    pub play: Option<Player>,
     /// Stiffness of the person's arm between intent and finger \[N/m\]; infinite for a finger that
     /// goes exactly where it is meant to.
     pub arm_stiffness_n_per_m: f64,
@@ -165,6 +168,7 @@ impl Experiment {
     /// The paper's lift and hold.
     pub const PAPER: Experiment = Experiment {
         finger: Finger::PAPER,
+        play: None,
         arm_stiffness_n_per_m: f64::INFINITY,
         duration_s: 6.0,
         output_delay_s: 100e-6,
@@ -201,16 +205,16 @@ pub struct Tick {
 }
 
 /// The lever and the hand on it.
-struct Hand {
-    assist: Assist<f64>,
-    initial_length_m: f64,
-    arm_stiffness_n_per_m: f64,
+pub(crate) struct Hand {
+    pub(crate) assist: Assist<f64>,
+    pub(crate) initial_length_m: f64,
+    pub(crate) arm_stiffness_n_per_m: f64,
 }
 
 impl Hand {
     /// Finger displacement \[m\]: the lever's spring (Eq 6) and the arm's share the way between
     /// the intended place and the main lever.
-    fn finger_m(&self, intended_m: f64, contraction: f64) -> f64 {
+    pub(crate) fn finger_m(&self, intended_m: f64, contraction: f64) -> f64 {
         if self.arm_stiffness_n_per_m.is_infinite() {
             return intended_m;
         }
@@ -222,7 +226,7 @@ impl Hand {
         (arm * intended_m + lever * lever_m) / (arm + lever)
     }
 
-    fn force_n(&self, finger_m: f64, contraction: f64) -> f64 {
+    pub(crate) fn force_n(&self, finger_m: f64, contraction: f64) -> f64 {
         self.assist
             .finger_force_n(finger_m, contraction, self.initial_length_m)
     }
@@ -273,9 +277,13 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
         initial_length_m: muscle.initial_length_m as f32,
     };
     values.gain = assist.gain as f32;
+    if let Load::Weight(weight) = &rig.load {
+        values.load_kg = weight.mass_kg as f32;
+    }
     let supply_pa = valve.supply_pressure.0 as f32;
     values.supply_pressure_pa = supply_pa;
     values.pressure_pa_max = values.pressure_pa_max.min(supply_pa);
+    values.play_pressure_pa_max = values.play_pressure_pa_max.min(values.pressure_pa_max);
     Settings::new(values).map_err(|error| {
         let (SettingsError::OutOfRange { name, .. } | SettingsError::Contradiction { name, .. }) =
             error
@@ -286,6 +294,7 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
             "gain" => "assist.gain",
             "supply_pressure_pa" | "pressure_pa_max" => "valve.supply_pressure_pa",
             "contraction_max" => "muscle.beta_m2",
+            "load_kg" | "force_error_n_max" => "load.mass_kg",
             name if name.starts_with("muscle.") => name,
             _ => "assist",
         };
@@ -376,6 +385,7 @@ pub fn run_with<T: Ticker>(
     let mut simulation = Simulation::new(plant, &initial, &drive, experiment.tolerance);
     let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);
     let mut request = Request::None;
+    let mut player = experiment.play.clone();
     let ticks = ((experiment.duration_s / TICK_S).round() as usize).max(1);
     for number in 0..ticks {
         let time_s = number as f64 * TICK_S;
@@ -396,11 +406,11 @@ pub fn run_with<T: Ticker>(
             request,
         );
         let output = controller.tick(&sensors)?;
-        // The person asks for assistance as soon as it is offered.
-        request = if output.mode == Mode::Ready {
-            Request::Assist
-        } else {
-            Request::None
+        request = match &mut player {
+            Some(player) => player.request(number as u32, &output),
+            // The person asks for assistance as soon as it is offered.
+            None if output.mode == Mode::Ready => Request::Assist,
+            None => Request::None,
         };
         let valve_reference = valve_reference(settings, &output);
         controller.seen(Tick {

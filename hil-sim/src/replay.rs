@@ -107,8 +107,16 @@ fn sensors(record: &Record) -> Result<Vec<Sensors>, BadInput> {
         "Vent" => Ok(Request::Vent),
         "Reset" => Ok(Request::Reset),
         other => {
-            let why = format!("None, Assist, Hold, Vent or Reset as request, found `{other}`");
-            Err(record.bad_at(record.time_s()[row], &why))
+            let played = other
+                .strip_prefix("Play(")
+                .and_then(|rest| rest.strip_suffix(')'));
+            let pressure_pa = played.and_then(|pressure_pa| pressure_pa.parse().ok());
+            pressure_pa.map(Request::Play).ok_or_else(|| {
+                let why = format!(
+                    "None, Assist, Hold, Vent, Reset or Play(…) as request, found `{other}`"
+                );
+                record.bad_at(record.time_s()[row], &why)
+            })
         }
     };
     (0..record.time_s().len())

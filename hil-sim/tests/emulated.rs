@@ -84,6 +84,45 @@ fn other_settings_are_stored_and_replayed() {
     }
 }
 
+/// A hidden effect in the plant, the drive, and the record of both.
+#[test]
+fn an_experiment_is_played_on_the_firmware() {
+    if !is_there("an_experiment_is_played_on_the_firmware") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let rig = include_str!("../src/reference_rig.toml").to_owned();
+    let hidden = "[[effect]]\nname = \"hysteresis\"\nforce_n = 20.0\nreach = 0.02\n";
+    std::fs::write(folder.path().join("hidden.toml"), rig + hidden).expect("written");
+    let drive = [
+        "--rig",
+        "hidden.toml",
+        "--out",
+        "exp.csv",
+        "--part",
+        "sweep",
+        "--json",
+    ];
+    let drive = json(folder.path(), &[&["experiment"], &drive[..]].concat());
+    let length_s = drive["length_s"].as_f64().expect("a number");
+    let run = [
+        "record",
+        "--emulated",
+        "hidden.toml",
+        "--play",
+        "exp.csv",
+        "--out",
+        "rec.csv",
+    ];
+    let run = json(folder.path(), &[&run[..], &["--json"]].concat());
+    assert_eq!(run["played"], "played to its end");
+    let ticks = run["ticks"].as_f64().expect("a number");
+    assert!(ticks > 100.0 * length_s, "{ticks} in {length_s} s");
+    let result = json(folder.path(), &["replay", "rec.csv", "--json"]);
+    assert_eq!(result["replay"]["compared_ticks"], run["ticks"]);
+    assert_eq!(result["replay"]["differing_ticks"], 0);
+}
+
 /// The long one: a thousand seconds recorded with the firmware, replayed on the PC.
 #[test]
 fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {

@@ -222,3 +222,55 @@ fn the_plug_is_pulled_with_hardware_in_the_loop() {
     assert_eq!(summary["replay"]["compared_ticks"], 300);
     assert_eq!(summary["replay"]["differing_ticks"], 0);
 }
+
+/// The board in memory has no muscle: its pressure stays where it is, which this drive's may too.
+#[test]
+fn an_experiment_is_played_where_the_board_allows_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    let drive = "time_s,pressure_ref_pa\n0,0\n0.5,20000\n1,10000\n1.5,0\n";
+    std::fs::write(folder.path().join("exp.csv"), drive).unwrap();
+    let play = |out: &str, more: &[&str]| {
+        let args = [
+            "record",
+            "--port",
+            board.name(),
+            "--out",
+            out,
+            "--play",
+            "exp.csv",
+        ];
+        let args = [&args[..], &["--from-start", "--json"], more].concat();
+        start(folder.path(), &args).wait_with_output().unwrap()
+    };
+    let refused = play("no.csv", &[]);
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    assert!(
+        message.contains("play_pressure_pa_max is at least 20000, found 0"),
+        "{message}"
+    );
+    assert!(!folder.path().join("no.csv").exists());
+
+    let (summary, _) = succeeded(play("rec.csv", &["--write-settings"]));
+    assert_eq!(summary["played"], "played to its end");
+    let record = Record::read(&folder.path().join("rec.csv")).unwrap();
+    let modes = record.text("mode").unwrap();
+    let played = modes.iter().filter(|mode| *mode == "Playing").count();
+    assert!((145..=160).contains(&played), "{played} of 151 ticks");
+    let reference_pa = record.column("pressure_ref_pa").unwrap();
+    let most_pa = reference_pa.iter().copied().fold(0.0, f64::max);
+    assert!(
+        (most_pa - 2e4).abs() < 123.0,
+        "to a count of the DAC: {most_pa}"
+    );
+    assert_eq!(modes.last().map(String::as_str), Some("Venting"));
+    let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
+    assert_eq!(
+        (result.compared_ticks, result.differing_ticks),
+        (modes.len(), 0),
+        "{result:?}"
+    );
+    // It is forbidden again.
+    assert_eq!(play("again.csv", &[]).status.code(), Some(2));
+}

@@ -19,6 +19,9 @@ pub enum Request {
     Vent,
     /// Forget the fault and check again, once vented.
     Reset,
+    /// Bring the pressure to so many pascals, as far as the settings allow: an experiment, to be
+    /// repeated each tick or so.
+    Play(u32),
 }
 
 /// All that a tick may read.

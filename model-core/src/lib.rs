@@ -26,6 +26,7 @@
 )]
 
 pub mod assist;
+pub mod consistency;
 pub mod controller;
 pub mod device;
 pub mod error;
@@ -36,6 +37,7 @@ pub mod muscle;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod safety;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
@@ -43,3 +45,4 @@ pub mod store;
 pub mod supervisor;
 pub mod timing;
 pub mod valve;
+pub mod voted;

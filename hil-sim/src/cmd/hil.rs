@@ -122,10 +122,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     finish(args, words, done)
 }
 
-fn no_words(_: &str, _: &Tick, _: f64) {}
+/// Says nothing.
+pub fn no_words(_: &str, _: &Tick, _: f64) {}
 
 /// A line each tenth of the experiment.
-fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
+pub fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
     let tenth = |time_s: f64| (10.0 * time_s / duration_s).floor();
     if tenth(tick.time_s) < tenth(tick.time_s + TICK_S) {
         let (time_s, output) = (tick.time_s + TICK_S, &tick.output);

@@ -1,17 +1,28 @@
 //! `hil-sim record`.
 
 use super::board::{Connected, connect, in_words};
+use super::hil::{no_words, words_at_tenths};
 use crate::Failure;
+use hil_sim::closed_loop::{CHECKED_S, Experiment, settings_with};
 use hil_sim::error::BadInput;
+use hil_sim::hil::{self, Job};
 use hil_sim::link::{LinkCounts, LinkError};
+use hil_sim::output::same_file;
+use hil_sim::player::{End, Player};
+use hil_sim::record::Record;
 use hil_sim::recorder::{Recorder, Row, Timeline};
+use hil_sim::rig::Rig;
+use hil_sim::screen::View;
 use model_core::device::Command;
 use model_core::error::SettingsError;
-use model_core::link::{FromDevice, Source, ToDevice};
-use model_core::settings::Settings;
+use model_core::frame::Request;
+use model_core::link::{FromDevice, Source, Telemetry, ToDevice};
+use model_core::settings::{Settings, SettingsValues};
+use model_core::supervisor::Mode;
 use serde::Serialize;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 /// Without a message for so long, what is there is written.
@@ -25,11 +36,16 @@ const TICK: Duration = Duration::from_millis(50);
 #[command(after_help = "\
 Examples:
   hil-sim record --port /dev/ttyACM0 --out bench.csv
-  hil-sim record --port COM3 --out bench.csv --from-start --duration 60")]
+  hil-sim record --port COM3 --out bench.csv --from-start --duration 60
+  hil-sim record --port COM3 --out bench.csv --play experiment.csv --write-settings
+  hil-sim record --emulated rig.toml --out bench.csv --play experiment.csv")]
 pub struct Args {
     /// The board's serial port
-    #[arg(long, value_name = "PORT")]
-    port: String,
+    #[arg(long, value_name = "PORT", required_unless_present = "emulated")]
+    port: Option<String>,
+    /// Play on an emulated board with this rig's plant in the loop, in place of a port
+    #[arg(long, value_name = "RIG", conflicts_with = "port", requires = "play")]
+    emulated: Option<PathBuf>,
     /// The record to write
     #[arg(long, value_name = "REC.csv")]
     out: PathBuf,
@@ -40,6 +56,13 @@ pub struct Args {
     /// Overwrite files that are there
     #[arg(long)]
     force: bool,
+    /// Play this experiment on the board's muscle (see `hil-sim experiment`) and end with it;
+    /// nobody may be near it. The board has to allow it: `play_pressure_pa_max` of its settings
+    #[arg(long, value_name = "EXP.csv", conflicts_with = "duration")]
+    play: Option<PathBuf>,
+    /// Have the board allow --play its pressures, and forbid it again at the end
+    #[arg(long, requires = "play")]
+    write_settings: bool,
     /// End after so long [s]
     #[arg(long, value_name = "S", value_parser = super::between(0.0, 1e9))]
     duration: Option<f64>,
@@ -54,40 +77,69 @@ struct Summary {
     record: String,
     ticks: usize,
     replayable: bool,
+    /// How the experiment ended, if one was played.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    played: Option<String>,
     link: LinkCounts,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     check_name(args)?;
-    let mut board = connect(Some(&args.port))?;
+    let drive = args.play.as_deref().map(Record::read).transpose()?;
+    let mut player = drive.as_ref().map(Player::new).transpose()?;
+    if let (Some(rig), Some(player)) = (&args.emulated, &player) {
+        return in_the_loop(args, rig, player);
+    }
+    let mut board = connect(args.port.as_deref())?;
     let words = in_words(&board.identity);
     eprintln!("board: {words}");
-    let mut recorder = Recorder::create(&args.out)?;
     let values = board.line.settings()?;
-    let settings = valid(&args.port, Settings::new(values))?;
+    let settings = match &player {
+        None => valid(&board.port, Settings::new(values))?,
+        Some(player) => allowed(args, &board.port, player, values)?,
+    };
+    let mut recorder = Recorder::create(&args.out)?;
+    if *settings.values() != values {
+        board.line.write_settings(settings.values())?;
+    }
     let from = match args.from_start {
         true => Some(board.line.begin_anew()?),
         false => None,
     };
     let mut timeline = Timeline::new(settings, from);
-    let replayable = listen(args, &mut board, &mut timeline, &mut recorder)?;
-    let summary = Summary {
-        board: words,
-        record: args.out.display().to_string(),
-        ticks: recorder.finish()?,
-        replayable,
-        link: board.line.counts(),
-    };
+    let listened = listen(args, &mut board, &mut timeline, &mut recorder, &mut player);
+    if *settings.values() != values && board.line.write_settings(&values).is_err() {
+        eprintln!("the board still allows experiments: its settings could not be set back");
+    }
+    let replayable = listened?;
+    let played = player.map(|player| ended(&player));
+    tell(
+        args,
+        &Summary {
+            board: words,
+            record: args.out.display().to_string(),
+            ticks: recorder.finish()?,
+            replayable,
+            played,
+            link: board.line.counts(),
+        },
+    )
+}
+
+fn tell(args: &Args, summary: &Summary) -> Result<(), Failure> {
     if args.json {
-        super::print_json(&summary)?;
+        super::print_json(summary)?;
     } else {
         let (ticks, record) = (summary.ticks, &summary.record);
         let lost = summary.link.telemetry_lost;
         super::print(&format!(
             "{ticks} ticks in {record}, {lost} lost on the way.\n"
         ))?;
-        if !replayable {
+        if let Some(played) = &summary.played {
+            super::print(&format!("The experiment: {played}.\n"))?;
+        }
+        if !summary.replayable {
             super::print("It cannot be replayed: see --from-start.\n")?;
         }
     }
@@ -99,6 +151,14 @@ fn check_name(args: &Args) -> Result<(), BadInput> {
     let bad = |expected: &str| Err(BadInput::file(args.out.display().to_string(), expected));
     if args.out.extension().is_some_and(|ending| ending == "mcap") {
         return bad("a name for the CSV file: the MCAP file will stand beside it");
+    }
+    let inputs = [&args.play, &args.emulated];
+    if inputs
+        .into_iter()
+        .flatten()
+        .any(|input| same_file(input, &args.out))
+    {
+        return bad("an output that is not an input too");
     }
     let is_there = args.out.exists() || args.out.with_extension("mcap").exists();
     if is_there && !args.force {
@@ -112,12 +172,132 @@ fn valid(port: &str, settings: Result<Settings, SettingsError>) -> Result<Settin
     settings.map_err(|error| BadInput::file(port, format!("a board whose settings pass, {error}")))
 }
 
+/// The settings that let the board play: those that are there, or others if they may be written.
+fn allowed(
+    args: &Args,
+    port: &str,
+    player: &Player,
+    values: SettingsValues,
+) -> Result<Settings, BadInput> {
+    let asked_pa = player.pressure_pa_max();
+    if asked_pa <= values.play_pressure_pa_max {
+        return valid(port, Settings::new(values));
+    }
+    let found_pa = values.play_pressure_pa_max;
+    if !args.write_settings {
+        let expected = format!(
+            "a board whose play_pressure_pa_max is at least {asked_pa}, found {found_pa}: \
+             --write-settings stores it on the board"
+        );
+        return Err(BadInput::file(port, expected));
+    }
+    let values = SettingsValues {
+        play_pressure_pa_max: asked_pa,
+        ..values
+    };
+    playing(port, values)
+}
+
+/// Settings with pressures to play.
+fn playing(port: &str, values: SettingsValues) -> Result<Settings, BadInput> {
+    Settings::new(values).map_err(|error| {
+        let asked_pa = values.play_pressure_pa_max;
+        let expected = format!("a board that may play up to {asked_pa} Pa, {error}");
+        BadInput::file(port, expected)
+    })
+}
+
+/// Plays on the emulated board, with the plant of the rig at `path` in its loop.
+fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure> {
+    let rig = Rig::read(path)?;
+    let mut board = connect(None)?;
+    let words = in_words(&board.identity);
+    eprintln!("board: {words}");
+    let own = board.line.settings()?;
+    let values = SettingsValues {
+        play_pressure_pa_max: player.pressure_pa_max(),
+        ..*settings_with(&rig, &own)?.values()
+    };
+    let settings = playing(&board.port, values)?;
+    board.line.write_settings(settings.values())?;
+    let experiment = Experiment {
+        play: Some(player.clone()),
+        // Nobody is at the lever.
+        arm_stiffness_n_per_m: 0.0,
+        duration_s: CHECKED_S + player.length_s() + 1.0,
+        ..Experiment::PAPER
+    };
+    let is_terminal = std::io::stderr().is_terminal();
+    let job = Job {
+        rig: &rig,
+        settings,
+        experiment: &experiment,
+        progress: if is_terminal {
+            words_at_tenths
+        } else {
+            no_words
+        },
+        real_time: false,
+    };
+    let view = Mutex::new(View::new(&words, board.identity.cpu_hz));
+    let recorder = Recorder::create(&args.out)?;
+    let (ticks, report) = hil::run(&mut board.line, "experiment", &job, recorder, &view)?;
+    let _ = board.line.leave();
+    let last = ticks.last().map(|tick| tick.output);
+    let played = match last.map(|output| (output.mode, output.fault)) {
+        Some((Mode::Venting, None)) => "played to its end".into(),
+        Some((_, Some(fault))) => format!("ended by a fault, {fault:?}"),
+        _ => "interrupted".into(),
+    };
+    tell(
+        args,
+        &Summary {
+            board: words,
+            record: args.out.display().to_string(),
+            ticks: ticks.len(),
+            replayable: true,
+            played: Some(played),
+            link: report.link,
+        },
+    )
+}
+
+/// How the experiment ended, in words.
+fn ended(player: &Player) -> String {
+    match player.end() {
+        Some(End::Played) => "played to its end".into(),
+        Some(End::Failed(fault)) => format!("ended by a fault, {fault:?}"),
+        Some(End::Vented) => "vented before its end".into(),
+        Some(End::Refused(mode)) => format!("not played, the board was in {mode:?}"),
+        None => "interrupted".into(),
+    }
+}
+
+/// Asks the board for what is due; the muscle's cock is the user's.
+fn play(player: &mut Player, board: &mut Connected, told: &Telemetry) -> Result<(), LinkError> {
+    match (
+        player.is_shut(told.tick.wrapping_sub(1)),
+        player.is_shut(told.tick),
+    ) {
+        (false, true) => eprintln!("shut the cock between valve and muscle NOW"),
+        (true, false) => eprintln!("open the cock between valve and muscle NOW"),
+        _ => {}
+    }
+    match player.request(told.tick, &told.output) {
+        Request::None => Ok(()),
+        request => board
+            .line
+            .send(&ToDevice::Command(Command::Request(request))),
+    }
+}
+
 /// Records until the user or the clock ends it; returns whether there is something to replay.
 fn listen(
     args: &Args,
     board: &mut Connected,
     timeline: &mut Timeline,
     recorder: &mut Recorder,
+    player: &mut Option<Player>,
 ) -> Result<bool, Failure> {
     let begin = Instant::now();
     let mut replayable = false;
@@ -144,12 +324,18 @@ fn listen(
                     // Nobody else holds the port: it is our own start.
                     board.line.send(&ToDevice::Command(Command::LeaveHil))?;
                 }
+                if let (Some(player), Source::Pins) = (&mut *player, told.source) {
+                    play(player, board, &told)?;
+                }
                 if let Some(row) = timeline.row(&told, elapsed_s) {
                     replayable |= row.begins_with.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);
                 }
                 heard = true;
+                if player.as_ref().is_some_and(|player| player.end().is_some()) {
+                    return Ok(replayable);
+                }
             }
             // After a reset.
             Some(FromDevice::Identity(identity)) => {
@@ -157,7 +343,7 @@ fn listen(
                 board.line.send(&ToDevice::ReadSettings)?;
             }
             Some(FromDevice::Settings(values)) => {
-                timeline.set_settings(valid(&args.port, Settings::new(values))?);
+                timeline.set_settings(valid(&board.port, Settings::new(values))?);
             }
             Some(FromDevice::Written(_)) => {}
             None => {

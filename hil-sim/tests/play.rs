@@ -1,0 +1,165 @@
+//! An experiment is played by the controller: what was asked for comes to the valve, and it ends
+//! vented.
+
+use hil_sim::closed_loop::{CHECKED_S, Experiment, run, settings_with};
+use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::player::{End, Player};
+use hil_sim::record::{PRESSURE_REF_PA, Record};
+use hil_sim::rig::Rig;
+use model_core::controller::Controller;
+use model_core::frame::{Output, Request};
+use model_core::pressure::GaugePa;
+use model_core::settings::SettingsValues;
+use model_core::supervisor::{Fault, Mode};
+
+fn record(text: &str) -> Record {
+    Record::parse("exp.csv", text.as_bytes()).expect("a record")
+}
+
+fn output(mode: Mode, pressure_ref_pa: f32) -> Output {
+    Output {
+        mode,
+        pressure_ref: GaugePa(pressure_ref_pa),
+        ..Output::default()
+    }
+}
+
+/// A player of 0, 100 and 0 kPa, from 5 s on, that has begun at tick 100.
+fn begun() -> Player {
+    let text = "time_s,pressure_ref_pa,valve_open\n5,0,1\n5.02,1e5,0\n5.04,,1\n5.05,0,1\n";
+    let mut player = Player::new(&record(text)).expect("a drive");
+    assert_eq!(player.pressure_pa_max(), 1e5);
+    assert_eq!(
+        player.request(90, &output(Mode::SelfCheck, 0.0)),
+        Request::None
+    );
+    assert_eq!(
+        player.request(99, &output(Mode::Ready, 0.0)),
+        Request::Play(0)
+    );
+    player
+}
+
+#[test]
+fn each_row_is_asked_for_in_its_time_and_the_end_is_vented() {
+    let mut player = begun();
+    let asked: Vec<Request> = (100..106)
+        .map(|tick| player.request(tick, &output(Mode::Playing, 0.0)))
+        .collect();
+    let play = |kpa: u32| Request::Play(1000 * kpa);
+    assert_eq!(
+        asked,
+        [
+            play(0),
+            play(100),
+            play(100),
+            play(100),
+            play(0),
+            Request::Vent
+        ]
+    );
+    let shut: Vec<bool> = (100..106).map(|tick| player.is_shut(tick)).collect();
+    assert_eq!(shut, [false, false, true, true, false, false]);
+    assert_eq!(player.end(), None);
+    player.request(106, &output(Mode::Venting, 10.0));
+    assert_eq!(player.end(), None, "not vented yet");
+    player.request(107, &output(Mode::Venting, 0.0));
+    assert_eq!(player.end(), Some(End::Played));
+}
+
+#[test]
+fn ticks_that_were_not_seen_take_their_time() {
+    let mut player = begun();
+    player.request(100, &output(Mode::Playing, 0.0));
+    assert_eq!(
+        player.request(104, &output(Mode::Playing, 0.0)),
+        Request::Play(0)
+    );
+}
+
+#[test]
+fn an_early_end_is_told_with_its_reason() {
+    let ends = |outputs: &[Output]| {
+        let mut player = begun();
+        for (tick, output) in (100..).zip(outputs) {
+            player.request(tick, output);
+        }
+        player.end()
+    };
+    let playing = output(Mode::Playing, 1.0);
+    let vented = output(Mode::Venting, 0.0);
+    let failed = Output {
+        fault: Some(Fault::OverPressure),
+        ..vented
+    };
+    assert_eq!(ends(&[playing, vented]), Some(End::Vented));
+    assert_eq!(
+        ends(&[playing, failed]),
+        Some(End::Failed(Fault::OverPressure))
+    );
+    assert_eq!(ends(&[vented]), Some(End::Refused(Mode::Venting)));
+    let self_check = output(Mode::SelfCheck, 0.0);
+    assert_eq!(
+        ends(&[playing, self_check]),
+        Some(End::Refused(Mode::SelfCheck))
+    );
+    assert_eq!(
+        ends(&[output(Mode::Ready, 0.0); 501]),
+        Some(End::Refused(Mode::Ready))
+    );
+}
+
+#[test]
+fn a_drive_below_none_is_refused() {
+    let drive = record("time_s,pressure_ref_pa\n0,0\n1,-5\n");
+    let error = Player::new(&drive).expect_err("a vacuum").to_string();
+    assert_eq!(
+        error,
+        "exp.csv:3: column `pressure_ref_pa`: expected a gauge pressure from 0, found -5"
+    );
+}
+
+/// The whole experiment on the paper's rig: the controller that is on the board goes through all of
+/// it without a fault, and the valve gets what the file says.
+#[test]
+fn the_controller_plays_a_whole_experiment_without_a_fault() {
+    let rig = Rig::reference();
+    let limits = Limits::of(&rig, 0.3).expect("limits");
+    let drive = experiment(&limits, &Part::USUAL).record;
+    let player = Player::new(&drive).expect("a drive");
+    let board = SettingsValues {
+        play_pressure_pa_max: player.pressure_pa_max(),
+        ..SettingsValues::reference()
+    };
+    let settings = settings_with(&rig, &board).expect("settings");
+    let played = Experiment {
+        arm_stiffness_n_per_m: 0.0,
+        duration_s: CHECKED_S + player.length_s() + 1.0,
+        play: Some(player),
+        ..Experiment::PAPER
+    };
+    let mut controller = Controller::new(settings);
+    let ticks = run(&rig, &settings, &played, |sensors| controller.tick(sensors)).expect("a run");
+    let last = ticks.last().expect("ticks").output;
+    assert_eq!(
+        (last.mode, last.fault, last.pressure_ref.0),
+        (Mode::Venting, None, 0.0)
+    );
+    let begin = ticks
+        .iter()
+        .position(|tick| tick.output.mode == Mode::Playing)
+        .expect("it plays");
+    let asked_pa = drive.column(PRESSURE_REF_PA).expect("the column");
+    let count_pa = 5e5 / 4095.0;
+    let mut misses = 0;
+    for (tick, asked_pa) in ticks[begin..].iter().zip(asked_pa) {
+        let missed_pa = (tick.valve_reference.0 - asked_pa).abs();
+        misses += usize::from(missed_pa > count_pa);
+    }
+    // The rate limit of the two is one; a noisy reading near the limit of travel may hold it back.
+    assert!(
+        misses < asked_pa.len() / 1000,
+        "{misses} of {}",
+        asked_pa.len()
+    );
+}
