@@ -177,12 +177,19 @@ impl Rig {
     /// # Errors
     /// It cannot be read, or is not a rig: see [`Rig::parse`].
     pub fn read(path: &Path) -> Result<Rig, BadInput> {
+        Rig::parse(&path.display().to_string(), &Rig::read_text(path)?)
+    }
+
+    /// The text of the file at `path`, for [`Rig::parse`].
+    ///
+    /// # Errors
+    /// It cannot be read, or is no text.
+    pub fn read_text(path: &Path) -> Result<String, BadInput> {
         let name = path.display().to_string();
         let text = std::fs::read(path)
             .map_err(|error| BadInput::file(&name, format!("a readable TOML file, {error}")))?;
-        let text = String::from_utf8(text)
-            .map_err(|_| BadInput::file(&name, "text in UTF-8, found other bytes"))?;
-        Rig::parse(&name, &text)
+        String::from_utf8(text)
+            .map_err(|_| BadInput::file(&name, "text in UTF-8, found other bytes"))
     }
 
     /// Reads a rig from the text of the file `name`.
@@ -255,16 +262,18 @@ impl Rig {
                 *item.decor_mut() = decor;
             }
         }
-        let effects = |document: &toml_edit::DocumentMut| {
-            let effects = document.get("effect");
-            let tables = effects.and_then(|item| item.as_array_of_tables());
-            let inline = effects.and_then(|item| item.as_array());
-            tables
-                .map(|t| t.len())
-                .or(inline.map(|a| a.len()))
-                .unwrap_or(0)
-        };
-        let known = effects(&document);
+        let effects = document.get("effect");
+        let tables = effects.and_then(|item| item.as_array_of_tables());
+        let mut known = tables.map_or(0, |tables| tables.len());
+        let inline = effects.and_then(|item| item.as_array());
+        if let Some(inline) = inline.map(toml_edit::Array::len) {
+            if inline == self.effects.len() {
+                known = inline;
+            } else {
+                // No table can be added to an array: all become tables.
+                document.remove("effect");
+            }
+        }
         let mut text = document.to_string();
         for effect in self.effects.iter().skip(known) {
             if !text.ends_with("\n\n") {
@@ -783,5 +792,18 @@ mod tests {
         assert_eq!(error.place.as_deref(), Some("key `effect.name`"));
         let error = parse("4e-9").expect_err("no section");
         assert!(error.expected.ends_with("found float"), "{error}");
+    }
+
+    #[test]
+    fn an_effect_joins_those_of_an_array() {
+        let array = "schema = 1\neffect = [{ name = \"leak\", conductance_kg_per_pa_s = 4e-9 }]\n";
+        let text = Rig::REFERENCE_TOML.replace("schema = 1\n", array);
+        let mut rig = Rig::parse("rig.toml", &text).expect("a rig");
+        assert_eq!(rig.rewritten(&text).as_ref(), Ok(&text));
+        rig.effects.push(rig.effects[0].clone());
+        let both = rig.rewritten(&text).expect("TOML");
+        let read = Rig::parse("rig.toml", &both).expect("a rig");
+        assert_eq!(read.effects.len(), 2);
+        assert_eq!(read.effects[1].values, [4e-9]);
     }
 }

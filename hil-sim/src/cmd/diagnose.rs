@@ -56,7 +56,8 @@ fn effect(name: &str) -> Result<String, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let rig = Rig::read(&args.rig)?;
+    let text = Rig::read_text(&args.rig)?;
+    let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
     let read = |paths: &[PathBuf]| {
         let records = paths.iter().map(|path| Record::read(path));
         records.collect::<Result<Vec<_>, _>>()
@@ -68,8 +69,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             return Err(BadInput::file(file, "a record that is not fitted too").into());
         }
     }
-    let text = std::fs::read_to_string(&args.rig)
-        .map_err(|error| rig.bad_file(&format!("a file that can be read, {error}")))?;
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads);

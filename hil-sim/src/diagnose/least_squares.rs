@@ -345,3 +345,85 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
     }
     Some(found)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A line through points, each with a dead zone, and a prior of 1 on both coordinates: what
+    /// a balance of forces with a friction's tube is.
+    struct Line {
+        rows: Vec<[f64; 3]>,
+    }
+
+    impl Line {
+        fn new() -> Line {
+            let row = |i: u32| {
+                let z = f64::from(i) / 40.0;
+                // Nearly the same along one direction, and far from it across.
+                [50.0 * (1.0 + 0.01 * z), 50.0, 0.3 * (7.0 * z).sin() - 1.0]
+            };
+            Line {
+                rows: (0..80).map(row).collect(),
+            }
+        }
+    }
+
+    impl Problem for Line {
+        fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
+            let value = |row: &[f64; 3]| row[0] * x[0] + row[1] * x[1] + row[2];
+            Some(Residuals {
+                values: self.rows.iter().map(value).collect(),
+                slack: vec![0.5; self.rows.len()],
+            })
+        }
+
+        fn slopes(&mut self, _: &DVector<f64>, _: &Residuals) -> Option<Slopes> {
+            let rows = self.rows.len();
+            Some(Slopes {
+                values: DMatrix::from_fn(rows, 2, |row, place| self.rows[row][place]),
+                slack: DMatrix::zeros(rows, 2),
+            })
+        }
+
+        fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {
+            x.iter().map(|x| (*x - 3.0, 1.0)).collect()
+        }
+
+        fn bounded(&self, x: DVector<f64>) -> DVector<f64> {
+            x
+        }
+    }
+
+    const GOAL: Goal = Goal {
+        relative: 1e-9,
+        absolute: 1e-6,
+        evaluations: 20,
+    };
+
+    #[test]
+    fn a_valley_between_dead_zones_is_followed_to_its_end() {
+        let mut line = Line::new();
+        let start = DVector::from_vec(vec![5.0, -4.0]);
+        let found = minimize(&mut line, start, GOAL).expect("a minimum");
+        // The cost is convex: where no step to any side lowers it, it is least.
+        for angle in 0..360 {
+            let angle = f64::from(angle).to_radians();
+            for length in [1e-4, 1e-3, 1e-2, 0.1] {
+                let step = DVector::from_vec(vec![length * angle.cos(), length * angle.sin()]);
+                let beside = at(&mut line, &found.x + step).expect("residuals");
+                assert!(beside.cost > found.cost - 1e-4, "{angle} {length}");
+            }
+        }
+    }
+
+    #[test]
+    fn inside_the_dead_zone_nothing_is_missed_and_outliers_count_less() {
+        assert_eq!(outside(0.3, 0.5), 0.0);
+        assert_eq!(outside(-0.8, 0.5), -0.8 + 0.5);
+        assert_eq!(loss(2.0), 2.0);
+        assert!((loss(OUTLIER + 1e-9) - loss(OUTLIER)).abs() < 1e-6);
+        assert!((loss(10.0) - loss(9.0) - OUTLIER).abs() < 1e-12);
+        assert_eq!(weight(2.0 * OUTLIER), 0.5);
+    }
+}
