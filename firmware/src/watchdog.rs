@@ -26,8 +26,8 @@ impl Watchdog {
         set_timeout(&self.0, TICK_TIMEOUT);
     }
 
-    /// To be called after a complete tick, and nowhere else. The link is not waited for: a tick that
-    /// assists is worth more than a PC that listens, and a reset lets the weight down.
+    /// To be called after a complete tick, and nowhere else. The link is not waited for: a tick
+    /// that assists is worth more than a PC that listens, and a reset lets the weight down.
     pub fn feed(&mut self) {
         self.0.kr().write(|w| w.key().feed());
     }

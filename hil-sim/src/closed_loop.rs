@@ -6,7 +6,7 @@
 use crate::design;
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::plant::simulation::{Initial, Simulation, SimulationError};
+use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated};
 use crate::player::Player;
 use crate::record::Record;
@@ -204,29 +204,6 @@ pub struct Tick {
     pub output: Output,
 }
 
-/// Why an experiment did not run.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The rig does not fit.
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    /// The plant left physics.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-}
-
-impl Error {
-    /// What is said to the user of `rig`.
-    pub fn of(self, rig: &Rig) -> BadInput {
-        match self {
-            Error::Input(bad) => bad,
-            Error::Simulation(error) => {
-                rig.bad_file(&format!("a rig whose plant can be followed, {error}"))
-            }
-        }
-    }
-}
-
 /// The lever and the hand on it.
 struct Hand {
     assist: Assist<f64>,
@@ -324,7 +301,7 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
 /// What ticks each 10 ms, in whatever place it runs.
 pub trait Ticker {
     /// Why it may fail.
-    type Error: From<Error>;
+    type Error: From<BadInput>;
 
     /// One tick of the controller.
     ///
@@ -346,13 +323,13 @@ struct InProcess<F> {
 }
 
 impl<F: FnMut(&Sensors) -> Output> Ticker for InProcess<F> {
-    type Error = Error;
+    type Error = BadInput;
 
-    fn tick(&mut self, sensors: &Sensors) -> Result<Output, Error> {
+    fn tick(&mut self, sensors: &Sensors) -> Result<Output, BadInput> {
         Ok((self.tick)(sensors))
     }
 
-    fn seen(&mut self, tick: Tick) -> Result<(), Error> {
+    fn seen(&mut self, tick: Tick) -> Result<(), BadInput> {
         self.ticks.push(tick);
         Ok(())
     }
@@ -367,7 +344,7 @@ pub fn run(
     settings: &Settings,
     experiment: &Experiment,
     tick: impl FnMut(&Sensors) -> Output,
-) -> Result<Vec<Tick>, Error> {
+) -> Result<Vec<Tick>, BadInput> {
     let mut controller = InProcess {
         tick,
         ticks: Vec::new(),
@@ -387,9 +364,9 @@ pub fn run_with<T: Ticker>(
     experiment: &Experiment,
     controller: &mut T,
 ) -> Result<(), T::Error> {
-    let plant = Plant::new(rig, Simulated::WHOLE).map_err(Error::from)?;
+    let plant = Plant::new(rig, Simulated::WHOLE)?;
     let hand = Hand {
-        assist: *rig.require_assist().map_err(Error::from)?,
+        assist: *rig.require_assist()?,
         initial_length_m: rig.muscle.initial_length_m,
         arm_stiffness_n_per_m: experiment.arm_stiffness_n_per_m,
     };
@@ -446,7 +423,7 @@ pub fn run_with<T: Ticker>(
         })?;
         let mut advance = |drive: &Drive, time_s| {
             let advanced = simulation.advance(drive, time_s);
-            advanced.map_err(Error::from)
+            advanced.map_err(|error| error.of(rig))
         };
         advance(&drive, time_s + experiment.output_delay_s)?;
         drive.reference = valve_reference;

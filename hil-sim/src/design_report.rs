@@ -253,6 +253,7 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
                 ],
                 tables: vec![table(&answer.equilibria)],
                 plots: plots(masses_kg, answer),
+                ..Section::default()
             },
             Section {
                 heading: "Frequency responses at the hardest point".into(),

@@ -6,7 +6,7 @@ use crate::report::{Axis, Plot, Report, Section, Series, Table};
 use serde::Serialize;
 
 /// The signals that are compared, and how they are shown: name, unit, shown value over SI value.
-const SIGNALS: [(&str, &str, &str, f64); 3] = [
+pub(crate) const SIGNALS: [(&str, &str, &str, f64); 3] = [
     (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
     (CONTRACTION, "contraction", "%", 100.0),
     (FORCE_N, "force", "N", 1.0),
@@ -59,7 +59,7 @@ pub fn gaps(measured: &Record, simulated: &Record, which: Simulated) -> Vec<Gap>
 }
 
 /// A number with the four digits that say something.
-fn significant(value: f64) -> String {
+pub(crate) fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
@@ -129,6 +129,7 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
                 rows,
             }],
             plots,
+            ..Section::default()
         }],
         repeat: Vec::new(),
     }

@@ -4,6 +4,7 @@
 //! The plant waits for the board: a tick that comes late makes the experiment slower, not wrong.
 
 use crate::closed_loop::{self, Experiment, Tick, Ticker};
+use crate::error::BadInput;
 use crate::link::{Answer, Client, LinkCounts, LinkError, Port};
 use crate::output::NotWritten;
 use crate::paper::AssistRun;
@@ -23,9 +24,9 @@ pub enum Error {
     /// The board.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The plant.
+    /// The rig.
     #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
+    Input(#[from] BadInput),
     /// The record.
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
@@ -170,10 +171,6 @@ pub fn run<P: Port>(
 ///
 /// # Errors
 /// The rig has no weight.
-pub fn assist_run(
-    name: &str,
-    job: &Job,
-    ticks: Vec<Tick>,
-) -> Result<AssistRun, closed_loop::Error> {
+pub fn assist_run(name: &str, job: &Job, ticks: Vec<Tick>) -> Result<AssistRun, BadInput> {
     AssistRun::new(name, job.rig, job.settings, job.experiment, ticks)
 }

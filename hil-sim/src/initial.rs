@@ -15,6 +15,7 @@ use crate::simulate::{Inputs, above_vacuum};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::pressure::GaugePa;
 use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Vector3};
+use std::ops::ControlFlow;
 
 /// Only this much of a record is looked at \[s\].
 const LOOK_S: f64 = 1.0;
@@ -262,7 +263,10 @@ impl<'a> Fit<'a> {
         let mut differences = Vec::new();
         let mut readings = Vec::with_capacity(last + 1);
         let initial = self.initial(parameters);
-        let visit = |_: usize, simulation: &Simulation| readings.push(simulation.read());
+        let visit = |_: usize, simulation: &Simulation| {
+            readings.push(simulation.read());
+            ControlFlow::Continue(())
+        };
         self.inputs
             .run(plant, &initial, TOLERANCE, last + 1, visit)
             .ok()?;

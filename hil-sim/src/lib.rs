@@ -4,6 +4,7 @@ pub mod check;
 pub mod closed_loop;
 pub mod design;
 pub mod design_report;
+pub mod diagnose;
 pub mod effects;
 pub mod emulated;
 pub mod error;

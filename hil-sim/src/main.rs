@@ -9,7 +9,7 @@ use clap::{Parser, Subcommand};
 use hil_sim::error::BadInput;
 use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{closed_loop, hil, replay};
+use hil_sim::{hil, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -53,6 +53,8 @@ enum Command {
     Experiment(cmd::experiment::Args),
     /// Run the plant from a record's inputs alone
     Simulate(cmd::simulate::Args),
+    /// Find where simulation and measurement disagree, and name the missing effect
+    Diagnose(cmd::diagnose::Args),
     /// Rig files
     Rig(cmd::rig::Args),
     /// Shell completions
@@ -67,8 +69,6 @@ enum Failure {
     #[error(transparent)]
     NotWritten(#[from] NotWritten),
     #[error(transparent)]
-    ClosedLoop(#[from] closed_loop::Error),
-    #[error(transparent)]
     Link(#[from] LinkError),
 }
 
@@ -76,7 +76,7 @@ impl From<hil::Error> for Failure {
     fn from(error: hil::Error) -> Failure {
         match error {
             hil::Error::Link(error) => error.into(),
-            hil::Error::ClosedLoop(error) => error.into(),
+            hil::Error::Input(error) => error.into(),
             hil::Error::NotWritten(error) => error.into(),
         }
     }
@@ -104,6 +104,7 @@ fn main() -> ExitCode {
         Some(Command::Import(args)) => cmd::import::run(&args),
         Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
+        Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

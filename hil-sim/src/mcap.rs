@@ -102,10 +102,7 @@ fn not_written(path: &str, error: McapError) -> NotWritten {
         McapError::Io(source) => source,
         other => std::io::Error::other(other),
     };
-    NotWritten {
-        path: path.into(),
-        source,
-    }
+    NotWritten::new(path, source)
 }
 
 /// The JSON schema of a message.

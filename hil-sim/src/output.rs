@@ -13,6 +13,16 @@ pub struct NotWritten {
     pub source: std::io::Error,
 }
 
+impl NotWritten {
+    /// `path` cannot be written.
+    pub fn new(path: impl AsRef<Path>, source: std::io::Error) -> NotWritten {
+        NotWritten {
+            path: path.as_ref().display().to_string(),
+            source,
+        }
+    }
+}
+
 /// Writes `bytes` to `path` through a temporary file beside it, which then takes its place. What is
 /// no file (a pipe, a device) is written to; a link stays, and the file it names is replaced.
 ///
@@ -47,10 +57,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
         file.persist(path).map_err(|error| error.error)?;
         Ok(())
     };
-    write().map_err(|source| NotWritten {
-        path: path.display().to_string(),
-        source,
-    })
+    write().map_err(|source| NotWritten::new(path, source))
 }
 
 /// There is something at `path` that is neither a file nor a folder.

@@ -1,6 +1,6 @@
 //! The paper's experiments and figures, ours beside what the paper says.
 
-use crate::closed_loop::{self, Error, Experiment, TICK_S, Tick, Tracking};
+use crate::closed_loop::{self, Experiment, TICK_S, Tick, Tracking};
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
@@ -92,7 +92,7 @@ pub fn assist(
     rig: &Rig,
     experiment: &Experiment,
     tick_done: &dyn Fn(),
-) -> Result<AssistRun, Error> {
+) -> Result<AssistRun, BadInput> {
     let settings = closed_loop::settings(rig)?;
     let mut controller = Controller::new(settings);
     let ticks = closed_loop::run(rig, &settings, experiment, |sensors| {
@@ -113,7 +113,7 @@ impl AssistRun {
         settings: Settings,
         experiment: &Experiment,
         ticks: Vec<Tick>,
-    ) -> Result<AssistRun, Error> {
+    ) -> Result<AssistRun, BadInput> {
         Ok(AssistRun {
             name: name.into(),
             rig: rig.clone(),
@@ -136,10 +136,10 @@ impl AssistRun {
         format!("{name}: {fault}the force {lag}; RMS of F_c − F {error_n:.1} N.")
     }
 
-    /// The fault that the controller latched.
+    /// The fault that the controller had latched at the end.
     pub fn fault(&self) -> Option<String> {
-        let fault = self.ticks.iter().find_map(|tick| tick.output.fault);
-        fault.map(|fault| format!("{fault:?}"))
+        let fault = self.ticks.last()?.output.fault?;
+        Some(format!("{fault:?}"))
     }
 }
 
@@ -162,7 +162,7 @@ pub fn both_valves(
     rig: &Rig,
     experiment: &Experiment,
     tick_done: &dyn Fn(),
-) -> Result<Vec<AssistRun>, Error> {
+) -> Result<Vec<AssistRun>, BadInput> {
     VALVES
         .iter()
         .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, experiment, tick_done))
@@ -287,7 +287,7 @@ pub(crate) fn linear(from: f64, to: f64, count: usize) -> Vec<f64> {
 }
 
 /// Fig 1: contraction over pressure at constant load, and the loop that friction alone makes.
-fn fig_1(rig: &Rig) -> Result<(Plot, f64), Error> {
+fn fig_1(rig: &Rig) -> Result<(Plot, f64), BadInput> {
     let pressures = linear(0.0, 5e5, 251);
     let mut lines = Vec::new();
     let weight_n = design::weight(rig)?.mass_kg * GRAVITY_M_PER_S2;
@@ -312,7 +312,8 @@ fn fig_1(rig: &Rig) -> Result<(Plot, f64), Error> {
         };
         for _ in 0..250 {
             branch.push(simulation.contraction());
-            simulation.advance(&drive, simulation.time_s() + 0.2)?;
+            let advanced = simulation.advance(&drive, simulation.time_s() + 0.2);
+            advanced.map_err(|error| error.of(rig))?;
         }
         branch.push(simulation.contraction());
     }
@@ -348,7 +349,7 @@ fn at_rest(contraction: f64, pressure: GaugePa<f64>, plant: &Plant) -> Initial {
 }
 
 /// Fig 2: volume over contraction.
-fn fig_2(rig: &Rig) -> Result<(Plot, f64), Error> {
+fn fig_2(rig: &Rig) -> Result<(Plot, f64), BadInput> {
     let volume = rig.require_volume()?;
     let contractions = linear(0.0, 0.3, 61);
     let ratio = |contraction: f64| volume.volume_m3(contraction) / volume.volume_m3(0.0);
@@ -376,7 +377,7 @@ fn fig_2(rig: &Rig) -> Result<(Plot, f64), Error> {
 }
 
 /// Fig 5: steps of the reference pressure, both valves.
-fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
+fn fig_5(rig: &Rig) -> Result<Vec<Plot>, BadInput> {
     let mut pressures = Vec::new();
     let mut contractions = Vec::new();
     let weight = design::weight(rig)?;
@@ -402,7 +403,8 @@ fn fig_5(rig: &Rig) -> Result<Vec<Plot>, Error> {
             times.push(time_s);
             p.push(simulation.pressure().0);
             c.push(simulation.contraction());
-            simulation.advance(&drive, f64::from(tick + 1) * 0.5 * TICK_S)?;
+            let advanced = simulation.advance(&drive, f64::from(tick + 1) * 0.5 * TICK_S);
+            advanced.map_err(|error| error.of(&rig))?;
         }
         pressures.push(Series::new(name, times.clone(), p));
         contractions.push(Series::new(name, times, c));
@@ -509,13 +511,13 @@ pub(crate) fn bode(lines: &[(String, Linearisation)]) -> Vec<Plot> {
 pub fn paper(
     rig: &Rig,
     experiment: &Experiment,
-) -> Result<(Report, Summary, Vec<AssistRun>), Error> {
+) -> Result<(Report, Summary, Vec<AssistRun>), BadInput> {
     let (fig_1, friction_loop_contraction) = fig_1(rig)?;
     let (fig_2, volume_ratio) = fig_2(rig)?;
     let mass_kg = design::weight(rig)?.mass_kg;
-    let at_400_kpa = |gain: f64| -> Result<Linearisation, Error> {
+    let at_400_kpa = |gain: f64| -> Result<Linearisation, BadInput> {
         let linear = design::linearise(&with_flow_gain(rig, gain)?, FIG_7_PRESSURE, mass_kg)?;
-        Ok(linear.ok_or_else(|| rig.bad("muscle.alpha_m2", "a muscle that lifts at 400 kPa"))?)
+        linear.ok_or_else(|| rig.bad("muscle.alpha_m2", "a muscle that lifts at 400 kPa"))
     };
     let runs = both_valves(rig, experiment, &|| ())?;
     let [a, b] = VALVES.map(|(_, gain)| at_400_kpa(gain));
@@ -565,6 +567,7 @@ fn report(
         text: vec![text.into()],
         tables,
         plots,
+        ..Section::default()
     };
     Ok(Report {
         title: "Power assist with a rubber artificial muscle (Kagawa, Fujita, Kawashima)".into(),

@@ -183,13 +183,10 @@ impl Record {
 
     fn begins_with_a_reference(&self) -> Result<(), BadInput> {
         match self.column(PRESSURE_REF_PA) {
-            Some([first, ..]) if first.is_nan() => Err(BadInput {
-                line: self.line(0),
-                ..self.bad(
-                    PRESSURE_REF_PA,
-                    "a reference in the first row, as it is held, found none",
-                )
-            }),
+            Some([first, ..]) if first.is_nan() => {
+                let expected = "a reference in the first row, as it is held, found none";
+                Err(self.bad_cell(PRESSURE_REF_PA, 0, expected))
+            }
             _ => Ok(()),
         }
     }
@@ -257,11 +254,15 @@ impl Record {
     }
 
     fn cells(&self, name: &str) -> Option<&[f64]> {
+        match self.find(name)? {
+            Cells::Numbers(values) => Some(values),
+            Cells::Text(_) => None,
+        }
+    }
+
+    fn find(&self, name: &str) -> Option<&Cells> {
         let mut columns = self.columns.iter().flatten();
-        columns.find_map(|(known, cells)| match cells {
-            Cells::Numbers(values) if known == name => Some(values.as_slice()),
-            _ => None,
-        })
+        columns.find_map(|(known, cells)| (known == name).then_some(cells))
     }
 
     /// As [`Record::column`].
@@ -277,13 +278,10 @@ impl Record {
 
     /// An unknown column's words; `None` if the record lacks it.
     pub fn text(&self, name: &str) -> Option<&[String]> {
-        self.columns
-            .iter()
-            .flatten()
-            .find_map(|(known, cells)| match cells {
-                Cells::Text(words) if known == name => Some(words.as_slice()),
-                _ => None,
-            })
+        match self.find(name)? {
+            Cells::Text(words) => Some(words),
+            Cells::Numbers(_) => None,
+        }
     }
 
     /// As [`Record::text`].
@@ -300,6 +298,14 @@ impl Record {
         BadInput {
             place: Some(format!("column `{column}`")),
             ..BadInput::file(&self.file, expected)
+        }
+    }
+
+    /// Bad input in a column's `row`.
+    pub fn bad_cell(&self, column: &str, row: usize, expected: &str) -> BadInput {
+        BadInput {
+            line: self.line(row),
+            ..self.bad(column, expected)
         }
     }
 

@@ -184,7 +184,7 @@ impl Recorder {
     /// # Errors
     /// They cannot be written.
     pub fn create(path: &Path) -> Result<Recorder, NotWritten> {
-        let csv = File::create(path).map_err(|source| not_written(path, source))?;
+        let csv = File::create(path).map_err(|source| NotWritten::new(path, source))?;
         let mut block = csv::Writer::from_writer(Vec::new());
         // Writing to memory cannot fail.
         let _ = block.write_record(COLUMNS.iter().map(|(name, ..)| name));
@@ -229,7 +229,7 @@ impl Recorder {
         let bytes = block.into_inner().unwrap_or_default();
         self.csv
             .write_all(&bytes)
-            .map_err(|source| not_written(&self.csv_path, source))?;
+            .map_err(|source| NotWritten::new(&self.csv_path, source))?;
         self.mcap.flush()
     }
 
@@ -299,11 +299,4 @@ impl Timeline {
 /// Hardware in the loop: entering and leaving it begins the controller anew.
 fn is_link(source: Source) -> bool {
     source != Source::Pins
-}
-
-fn not_written(path: &Path, source: std::io::Error) -> NotWritten {
-    NotWritten {
-        path: path.display().to_string(),
-        source,
-    }
 }

@@ -5,6 +5,7 @@ use crate::error::BadInput;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
+use std::ops::Range;
 use std::path::Path;
 use toml_edit::{Document, Item, TableLike, Value};
 
@@ -231,6 +232,81 @@ impl Rig {
             }
         }
         Ok(())
+    }
+
+    /// `text`, the rig's file, with the nominal values and effects of this rig; comments and
+    /// whatever is the same stay.
+    ///
+    /// # Errors
+    /// The text is no TOML.
+    pub fn rewritten(&self, text: &str) -> Result<String, toml_edit::TomlError> {
+        let mut document: toml_edit::DocumentMut = text.parse()?;
+        let mut own = self.clone();
+        for tolerance in &self.tolerances {
+            let value = own
+                .value_mut(&tolerance.section, &tolerance.key)
+                .map(|value| *value);
+            let item = document
+                .get_mut(&tolerance.section)
+                .and_then(|section| section.get_mut(&tolerance.key));
+            if let (Some(value), Some(item)) = (value, item.and_then(|item| item.as_value_mut())) {
+                let decor = item.decor().clone();
+                *item = value.into();
+                *item.decor_mut() = decor;
+            }
+        }
+        let effects = |document: &toml_edit::DocumentMut| {
+            let effects = document.get("effect");
+            let tables = effects.and_then(|item| item.as_array_of_tables());
+            let inline = effects.and_then(|item| item.as_array());
+            tables
+                .map(|t| t.len())
+                .or(inline.map(|a| a.len()))
+                .unwrap_or(0)
+        };
+        let known = effects(&document);
+        let mut text = document.to_string();
+        for effect in self.effects.iter().skip(known) {
+            if !text.ends_with("\n\n") {
+                text += if text.ends_with('\n') { "\n" } else { "\n\n" };
+            }
+            text += &effect.to_toml();
+        }
+        Ok(text)
+    }
+
+    /// The nominal value at `section.key`, if the rig has it.
+    pub fn value_mut(&mut self, section: &str, key: &str) -> Option<&mut f64> {
+        let weight = match &mut self.load {
+            Load::Weight(weight) => Some(weight),
+            Load::Prescribed => None,
+        };
+        let (muscle, volume) = (&mut self.muscle, self.volume.as_mut());
+        let (valve, gas) = (self.valve.as_mut(), self.gas.as_mut());
+        Some(match (section, key) {
+            ("muscle", "alpha_m2") => &mut muscle.alpha_m2,
+            ("muscle", "beta_m2") => &mut muscle.beta_m2,
+            ("muscle", "gamma_n") => &mut muscle.gamma_n,
+            ("muscle", "initial_length_m") => &mut muscle.initial_length_m,
+            ("muscle", "volume_d1_m3") => &mut volume?.d1_m3,
+            ("muscle", "volume_d2_m3") => &mut volume?.d2_m3,
+            ("muscle", "volume_d3_m3") => &mut volume?.d3_m3,
+            ("load", "mass_kg") => &mut weight?.mass_kg,
+            ("load", "viscous_damping_ns_per_m") => &mut weight?.viscous_damping_ns_per_m,
+            ("load", "coulomb_friction_n") => &mut weight?.coulomb_friction_n,
+            ("load", "static_friction_n") => &mut weight?.static_friction_n,
+            ("valve", "flow_gain_kg_per_pa_s") => &mut valve?.flow_gain_kg_per_pa_s,
+            ("valve", "supply_pressure_pa") => &mut valve?.supply_pressure.0,
+            ("gas", "ambient_temperature_k") => &mut gas?.ambient_temperature_k,
+            ("gas", "atmospheric_pressure_pa") => &mut gas?.atmospheric_pressure.0,
+            ("gas", "heat_transfer_charging_w_per_m2_k") => {
+                &mut gas?.heat_transfer_charging_w_per_m2_k
+            }
+            ("gas", "heat_transfer_discharging_w_per_m2_k") => {
+                &mut gas?.heat_transfer_discharging_w_per_m2_k
+            }
+            _ => return None,
+        })
     }
 
     /// Bad input at `section.key`, with its line where the key stands in the file.
@@ -460,9 +536,7 @@ impl<'a> File<'a> {
                 lines.extend(section.line.map(|line| (section.name.clone(), line)));
             }
         }
-        let tables = root.table.get("effect").and_then(Item::as_array_of_tables);
-        let first = tables.and_then(|tables| tables.get(0)?.span());
-        lines.extend(first.map(|span| ("effect".into(), line_of(self.text, span.start))));
+        lines.extend(root.line("effect").map(|line| ("effect".into(), line)));
         let (muscle, volume) = muscle(&required("muscle")?)?;
         Ok(Rig {
             file: self.name.into(),
@@ -591,24 +665,34 @@ fn tolerances(root: &Section) -> Result<Vec<Tolerance>, BadInput> {
 }
 
 fn all_effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
-    let Some(item) = root.table.get("effect") else {
-        return Ok(Vec::new());
-    };
-    let Some(tables) = item.as_array_of_tables() else {
-        let expected = format!("sections in double brackets, found {}", kind_of(item));
-        return Err(root.bad("effect", expected));
-    };
-    let tables = tables.iter();
-    tables
-        .map(|table| {
-            effect(&Section {
-                file: root.file,
-                name: "effect".into(),
-                table,
-                line: table.span().map(|span| line_of(root.file.text, span.start)),
-            })
+    let one = |table: &dyn TableLike, span: Option<Range<usize>>| {
+        effect(&Section {
+            file: root.file,
+            name: "effect".into(),
+            table,
+            line: span.map(|span| line_of(root.file.text, span.start)),
         })
-        .collect()
+    };
+    let bad = |found: &str| {
+        let expected = format!("sections `[[effect]]`, found {found}");
+        root.bad("effect", expected)
+    };
+    match root.table.get("effect") {
+        None => Ok(Vec::new()),
+        Some(Item::ArrayOfTables(tables)) => {
+            let effects = tables.iter().map(|table| one(table, table.span()));
+            effects.collect()
+        }
+        // `effect = [{ name = … }]` is the same in TOML.
+        Some(Item::Value(Value::Array(values))) => {
+            let effects = values.iter().map(|value| match value {
+                Value::InlineTable(table) => one(table, table.span()),
+                other => Err(bad(other.type_name())),
+            });
+            effects.collect()
+        }
+        Some(other) => Err(bad(kind_of(other))),
+    }
 }
 
 fn effect(section: &Section) -> Result<Effect, BadInput> {
@@ -679,5 +763,25 @@ mod tests {
         let rig = Rig::parse("rig.toml", &text).expect("a rig");
         assert_eq!(rig.effects[0].kind.name, "leak");
         assert_eq!(rig.effects[0].values, [4e-9]);
+    }
+
+    #[test]
+    fn effects_may_stand_in_an_array() {
+        let schema = "schema = 1\n";
+        assert!(Rig::REFERENCE_TOML.contains(schema));
+        let parse = |effects: &str| {
+            let text = format!("{schema}effect = [\n{effects}\n]\n");
+            Rig::parse("rig.toml", &Rig::REFERENCE_TOML.replace(schema, &text))
+        };
+        let leak = "{ name = \"leak\", conductance_kg_per_pa_s = 4e-9 },";
+        let rig = parse(&[leak, leak].join("\n")).expect("a rig");
+        assert_eq!(rig.effects.len(), 2);
+        assert_eq!(rig.effects[1].values, [4e-9]);
+        let error = parse(&[leak, "{ name = \"leek\" }"].join("\n")).expect_err("no such effect");
+        let line = |rig: &Rig| rig.bad("effect", "").line;
+        assert_eq!(error.line, line(&rig).map(|line| line + 2));
+        assert_eq!(error.place.as_deref(), Some("key `effect.name`"));
+        let error = parse("4e-9").expect_err("no section");
+        assert!(error.expected.ends_with("found float"), "{error}");
     }
 }

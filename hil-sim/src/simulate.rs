@@ -8,6 +8,7 @@ use crate::plant::{Drive, Plant, Ramp, Simulated};
 use crate::record::{self, Record};
 use crate::rig::{Load, Rig};
 use model_core::pressure::GaugePa;
+use std::ops::ControlFlow;
 
 /// What comes in, row by row: measured signals turned into the truth at their place, gaps filled.
 pub(crate) struct Inputs<'a> {
@@ -50,10 +51,7 @@ pub(crate) fn above_vacuum(
         return Ok(pressure);
     }
     let expected = format!("a gauge pressure above vacuum, found {}", pressure.0);
-    Err(BadInput {
-        line: record.bad_at(record.time_s()[row], "").line,
-        ..record.bad(record::PRESSURE_PA, &expected)
-    })
+    Err(record.bad_cell(record::PRESSURE_PA, row, &expected))
 }
 
 impl<'a> Inputs<'a> {
@@ -125,14 +123,16 @@ impl<'a> Inputs<'a> {
         self.pressure_pa.get(row).copied().map(GaugePa)
     }
 
-    /// Runs `rig` from `initial` over the first `rows` rows; `visit` gets each row's simulation.
+    /// Runs `rig` from `initial` over the first `rows` rows; `visit` gets each row's simulation,
+    /// and
+    /// may break off.
     pub fn run(
         &self,
         plant: Plant,
         initial: &Initial,
         tolerance: f64,
         rows: usize,
-        mut visit: impl FnMut(usize, &Simulation),
+        mut visit: impl FnMut(usize, &Simulation) -> ControlFlow<()>,
     ) -> Result<(), SimulationError> {
         let mut simulation = Simulation::new(plant, initial, &self.drive(0), tolerance);
         for row in 0..rows {
@@ -144,7 +144,9 @@ impl<'a> Inputs<'a> {
             if let Some(pressure) = self.pressure(row) {
                 simulation.prescribe_pressure(pressure);
             }
-            visit(row, &simulation);
+            if visit(row, &simulation).is_break() {
+                break;
+            }
             if row + 1 < rows {
                 simulation.advance(&drive, self.time_s[row + 1])?;
             }
@@ -245,6 +247,7 @@ pub fn simulate_with(
             column.push(value);
         }
         row_done();
+        ControlFlow::Continue(())
     };
     inputs
         .run(plant, &initial, tolerance, rows, visit)

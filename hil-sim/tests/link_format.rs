@@ -91,8 +91,9 @@ fn messages_of_a_version_never_change() {
         let new = format!("{}/link.txt", env!("CARGO_TARGET_TMPDIR"));
         std::fs::write(&new, messages).unwrap();
         panic!(
-            "the messages have changed. Raise VERSION in model-core/src/link.rs, and in settings.rs \
-             if it is the settings; follow in docs/link.md; then rename {path}, and copy {new} there"
+            "the messages have changed. Raise VERSION in model-core/src/link.rs, and in \
+             settings.rs if it is the settings; follow in docs/link.md; rename {path}, and copy \
+             {new} there"
         );
     }
 }

@@ -1,5 +1,5 @@
 //! Makes a program of model-core and its tests. Rust's own harness needs std, which there is none
-//! of on a bare CPU; so `#[test]` is replaced on each test function, and a table lists them instead.
+//! of on a bare CPU; so `#[test]` is replaced on each function, and a table lists them instead.
 //! Nothing else of model-core is changed, and no line moves.
 
 use std::path::PathBuf;
@@ -72,7 +72,6 @@ fn with_table(name: &str, before: &str, tests: &str) -> String {
     let rows = functions.map(|function| format!("(\"{name}::{function}\", {function}), "));
     let rows: String = rows.collect();
     let tests = tests.replace("#[test]", "#[cfg(not(test))]");
-    format!(
-        "{before} #[allow(unused_imports)] use crate::host::*; pub(crate) const TESTS: &[Test] = &[{rows}];\n{tests}"
-    )
+    let table = format!("pub(crate) const TESTS: &[Test] = &[{rows}];");
+    format!("{before} #[allow(unused_imports)] use crate::host::*; {table}\n{tests}")
 }

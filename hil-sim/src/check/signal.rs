@@ -12,6 +12,8 @@ const NOISE_SPAN: f64 = 12.0;
 const PROMINENT: f64 = 0.05;
 /// What stays within this share of the range is held.
 const HELD: f64 = 0.02;
+/// Differences in one estimate of the noise.
+const NOISE_STRETCH: usize = 50;
 /// Rates and holds are looked at in pieces of this length \[s\], so that noise averages out.
 const PIECE_S: f64 = 0.1;
 /// The share of pieces that are slower than the rate that is told.
@@ -206,12 +208,18 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     *values.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
-/// Standard deviation of white noise on a smooth signal.
+/// Standard deviation of white noise on a smooth signal: by the mean squares of stretches, of which
+/// the median is not moved by what a few of them do, nor granular like that of rounded samples.
 fn noise(values: &[f64]) -> f64 {
-    let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).abs();
-    // Third differences of white noise have σ√(1+9+9+1); the median magnitude of a normal
-    // distribution is 0.6745 σ.
-    quantile(values.windows(4).map(third).collect(), 0.5) / (0.6745 * 20.0_f64.sqrt())
+    let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
+    let squares: Vec<f64> = values.windows(4).map(third).collect();
+    let mean = |stretch: &[f64]| stretch.iter().sum::<f64>() / stretch.len() as f64;
+    let means: Vec<f64> = squares.chunks(NOISE_STRETCH).map(mean).collect();
+    if means.is_empty() {
+        return 0.0;
+    }
+    // Third differences of white noise have the variance σ²(1+9+9+1).
+    (quantile(means, 0.5) / 20.0).sqrt()
 }
 
 /// The sensor's step, and whether there is one: its values repeat. Then it is the change from one

@@ -112,6 +112,7 @@ fn words(title: String, check: &Check, blocks: &[Block]) -> Report {
             text: Vec::new(),
             tables: vec![signals, blocks],
             plots: Vec::new(),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     }

@@ -1,6 +1,6 @@
 //! `hil-sim experiment`.
 
-use super::run::between;
+use super::between;
 use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::experiment::{Limits, Part, experiment};
@@ -11,7 +11,8 @@ use std::path::PathBuf;
 
 /// Write the reference pressure of the next experiment, within the rig's limits
 ///
-/// Vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine and
+/// Vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
+/// and
 /// steps that grow: what tells effects apart that one record alone does not. Vented at both ends.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -31,7 +32,8 @@ pub struct Args {
     /// Contraction that a weight is not to pass
     #[arg(long, default_value_t = 0.3, value_parser = between(0.01, 0.9))]
     contraction_max: f64,
-    /// Fastest change of the reference [Pa/s]; what the board's reference settings allow if left out
+    /// Fastest change of the reference [Pa/s]; what the board's reference settings allow if left
+    /// out
     #[arg(long, value_parser = between(100.0, 1e8))]
     rate_max: Option<f64>,
     /// Print a machine-readable summary instead of words

@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => vec![("assist", rig)],
     };
     for (name, _) in &rigs {
-        let record = args.common.out.join(record_name(name));
+        let record = args.common.out.join(super::record_name(name));
         args.scenario.spares(&record)?;
     }
     let mut board = connect(args.port.as_deref())?;
@@ -120,11 +120,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let _ = board.line.leave();
     finish(args, words, done)
-}
-
-/// The record of the run `name`.
-fn record_name(name: &str) -> String {
-    name.replace(' ', "-") + ".csv"
 }
 
 /// Says nothing.
@@ -208,7 +203,7 @@ fn one(
     name: &str,
     job: &Job,
 ) -> Result<Done, Failure> {
-    let path = args.common.path(&record_name(name))?;
+    let path = args.common.record_path(name)?;
     let recorder = Recorder::create(&path)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
     // The record of what the board did, against the controller of this program.
@@ -294,6 +289,7 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
             text: vec![format!("The controller ran on: {board}.")],
             tables: vec![tracking_table(&runs), tables],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     };

@@ -106,13 +106,12 @@ fn words(title: String, summary: &Summary) -> Report {
         verdict,
         sections: vec![Section {
             heading: "Columns".into(),
-            text: Vec::new(),
             tables: vec![Table {
                 caption: "What was written, in SI units".into(),
                 columns: columns.map(String::from).to_vec(),
                 rows: summary.columns.iter().map(row).collect(),
             }],
-            plots: Vec::new(),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     }

@@ -4,6 +4,7 @@ pub mod board;
 pub mod check;
 pub mod completions;
 pub mod design;
+pub mod diagnose;
 pub mod experiment;
 pub mod hil;
 pub mod import;
@@ -69,6 +70,11 @@ impl Common {
         Ok(self.out.join(file))
     }
 
+    /// The path of the record of the run `name`.
+    fn record_path(&self, name: &str) -> Result<PathBuf, BadInput> {
+        self.path(&record_name(name))
+    }
+
     /// Writes report.html and prints the summary, in words or as JSON.
     fn finish(&self, mut report: Report, summary: &impl Serialize) -> Result<(), Failure> {
         let path = self.path("report.html")?;
@@ -82,6 +88,11 @@ impl Common {
         eprintln!("report: {}", path.display());
         Ok(())
     }
+}
+
+/// What the record of the run `name` is called.
+fn record_name(name: &str) -> String {
+    name.replace(' ', "-") + ".csv"
 }
 
 /// The command that was given, for a shell to repeat.
@@ -98,6 +109,15 @@ fn this_command() -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
+/// Reads a number from `min` to `max`.
+fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| match text.parse() {
+        Ok(value) if (min..=max).contains(&value) => Ok(value),
+        // Not as `{}`, which writes out the zeros of 1e-12.
+        _ => Err(format!("expected a number from {min:?} to {max:?}")),
+    }
+}
+
 /// Prints results. A reader that has gone (`| head`) is no error.
 fn print(text: &str) -> Result<(), NotWritten> {
     use std::io::{ErrorKind, Write};
@@ -106,10 +126,9 @@ fn print(text: &str) -> Result<(), NotWritten> {
         .write_all(text.as_bytes())
         .and_then(|()| stdout.flush());
     match written {
-        Err(source) if source.kind() != ErrorKind::BrokenPipe => Err(NotWritten {
-            path: "stdout".into(),
-            source,
-        }),
+        Err(source) if source.kind() != ErrorKind::BrokenPipe => {
+            Err(NotWritten::new("stdout", source))
+        }
         _ => Ok(()),
     }
 }

@@ -19,11 +19,10 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = args.common.rig()?;
-    let (report, summary, runs) =
-        paper(&rig, &Experiment::PAPER).map_err(|error| error.of(&rig))?;
+    let (report, summary, runs) = paper(&rig, &Experiment::PAPER)?;
     for run in &runs {
-        let name = format!("{}.csv", run.name.replace(' ', "-"));
-        record(&run.settings, &run.ticks).write(&args.common.path(&name)?)?;
+        let path = args.common.record_path(&run.name)?;
+        record(&run.settings, &run.ticks).write(&path)?;
     }
     args.common.finish(report, &summary)
 }

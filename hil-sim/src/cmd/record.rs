@@ -64,7 +64,7 @@ pub struct Args {
     #[arg(long, requires = "play")]
     write_settings: bool,
     /// End after so long [s]
-    #[arg(long, value_name = "S", value_parser = super::run::between(0.0, 1e9))]
+    #[arg(long, value_name = "S", value_parser = super::between(0.0, 1e9))]
     duration: Option<f64>,
     /// Print a machine-readable summary instead of words
     #[arg(long)]

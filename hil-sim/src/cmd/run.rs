@@ -1,8 +1,8 @@
 //! `hil-sim run`.
 
-use super::{Common, Progress};
+use super::{Common, Progress, between};
 use crate::Failure;
-use hil_sim::closed_loop::{CHECKED_S, Error, Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
@@ -71,14 +71,6 @@ pub struct Scenario {
 
 /// The longest run \[s\].
 const DURATION_S_MAX: f64 = 1e3;
-
-/// Reads a number from `min` to `max`.
-pub fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
-    move |text| match text.parse() {
-        Ok(value) if (min..=max).contains(&value) => Ok(value),
-        _ => Err(format!("expected a number from {min} to {max}")),
-    }
-}
 
 #[derive(Serialize)]
 struct Summary {
@@ -153,14 +145,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let common = &args.common;
     let rig = common.rig()?;
     let experiment = args.scenario.experiment()?;
-    let runs = runs(args, &rig, &experiment).map_err(|error| error.of(&rig))?;
+    let runs = runs(args, &rig, &experiment)?;
     eprintln!("seed: {}", args.scenario.seed);
     let mut summary = Summary {
         seed: args.scenario.seed,
         runs: Vec::new(),
     };
     for run in &runs {
-        let path = common.path(&format!("{}.csv", run.name.replace(' ', "-")))?;
+        let path = common.record_path(&run.name)?;
         args.scenario.spares(&path)?;
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
@@ -170,7 +162,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 .ticks
                 .last()
                 .map(|tick| format!("{:?}", tick.output.mode)),
-            fault: fault(run),
+            fault: run.fault(),
             record: path.display().to_string(),
         });
     }
@@ -184,6 +176,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             ],
             tables: vec![tracking_table(&runs)],
             plots: assist_plots(&runs),
+            ..Section::default()
         }],
         repeat: Vec::new(),
     };
@@ -191,20 +184,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both of the paper's valves, or the rig's.
-fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, Error> {
-    let valves = if args.common.rig.is_none() { 2.0 } else { 1.0 };
+fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, BadInput> {
+    let both = args.common.is_reference();
+    let valves = if both { 2.0 } else { 1.0 };
     let ticks = (valves * experiment.duration_s / TICK_S) as u64;
     let progress = Progress::new("running", ticks);
-    match args.common.rig {
-        None => both_valves(rig, experiment, &|| progress.step()),
-        Some(_) => Ok(vec![assist("assist", rig, experiment, &|| {
-            progress.step()
-        })?]),
+    let tick_done = || progress.step();
+    if both {
+        both_valves(rig, experiment, &tick_done)
+    } else {
+        Ok(vec![assist("assist", rig, experiment, &tick_done)?])
     }
-}
-
-/// The fault that the controller had latched at the end of a run.
-fn fault(run: &AssistRun) -> Option<String> {
-    let fault = run.ticks.last()?.output.fault?;
-    Some(format!("{fault:?}"))
 }

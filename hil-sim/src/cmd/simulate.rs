@@ -1,6 +1,6 @@
 //! `hil-sim simulate`.
 
-use super::Progress;
+use super::{Progress, between};
 use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::gap;
@@ -38,15 +38,8 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     /// Local error allowed a step, relative to each quantity's range
-    #[arg(long, default_value_t = TOLERANCE, value_parser = tolerance)]
+    #[arg(long, default_value_t = TOLERANCE, value_parser = between(1e-12, 1e-2))]
     tolerance: f64,
-}
-
-fn tolerance(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(value) if (1e-12..=1e-2).contains(&value) => Ok(value),
-        _ => Err("expected a number from 1e-12 to 1e-2".into()),
-    }
 }
 
 /// Refuses outputs that would take the place of an input or of each other, or have no folder.

@@ -14,6 +14,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "backlash",
     block: "load",
     mark: "The contraction lags a reversal by a fixed distance; force and pressure do not.",
+    experiment: "small triangles about one place with a dial gauge at the load; the encoder stands \
+                 still for the play.",
     forms: &[
         Form {
             name: "play",
@@ -46,7 +48,7 @@ struct Backlash {
 
 impl Backlash {
     fn read(&self, at: &SensorPoint, encoder: f64) -> f64 {
-        let half = 0.5 * self.play_m / at.initial_length_m;
+        let half = self.play(at.initial_length_m);
         encoder.clamp(at.truth.contraction - half, at.truth.contraction + half)
     }
 }
@@ -57,7 +59,7 @@ impl Dynamics<SensorPoint> for Backlash {
     }
 
     fn settle(&self, at: &SensorPoint, state: &mut [f64]) {
-        let half = 0.5 * self.play_m / at.initial_length_m;
+        let half = self.play(at.initial_length_m);
         state[0] = at.truth.contraction + self.start * half;
     }
 
@@ -70,5 +72,9 @@ impl SensorTerm for Backlash {
     fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading) {
         // What another sensor effect has added stays on top.
         reading.contraction += self.read(at, state[0]) - at.truth.contraction;
+    }
+
+    fn play(&self, initial_length_m: f64) -> f64 {
+        0.5 * self.play_m / initial_length_m
     }
 }

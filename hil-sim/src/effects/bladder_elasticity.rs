@@ -11,6 +11,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "muscle-force",
     mark: "The pressure at which the muscle begins to pull rises with contraction: the residual \
            goes with contraction, not with direction, pressure or time.",
+    experiment: "a slow ramp of pressure held at four contractions; the offset of force grows with \
+                 contraction.",
     forms: &[
         Form {
             name: "exponential",

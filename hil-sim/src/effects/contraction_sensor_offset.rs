@@ -9,6 +9,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "contraction-sensor-offset",
     block: "sensor",
     mark: "The force law holds at a shifted contraction; the dynamics are untouched.",
+    experiment: "the muscle vented and hung free: the encoder must read zero.",
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset", "1", (-0.2, 0.2), 0.01).neutral(0.0)],

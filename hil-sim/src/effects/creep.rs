@@ -16,6 +16,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "creep",
     block: "muscle-force",
     mark: "A slow drift after a step with the pressure held, of the step's sign, over 1 to 60 s.",
+    experiment: "a step up and one down, each held for 60 s with the valve working.",
     forms: &[
         Form {
             name: "relaxation",

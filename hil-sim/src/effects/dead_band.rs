@@ -13,6 +13,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "muscle-force",
     mark: "The force at low pressure is too small; above a threshold the loss is constant in \
            pressure.",
+    experiment: "a slow ramp from zero pressure at four contractions; the threshold is the same at \
+                 each.",
     forms: &[
         Form {
             name: "sharp",

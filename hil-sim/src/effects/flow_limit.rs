@@ -29,6 +29,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "flow-limit",
     block: "valve",
     mark: "Large steps ramp while small ones do not: seen in an amplitude sweep.",
+    experiment: "steps of 20, 50, 100 and 200 kPa, up and down; only the large ones ramp.",
     forms: &[
         Form {
             name: "choked-orifice",

@@ -13,6 +13,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "load",
     mark: "The weight sticks at reversals and its motion is flat at the top, whatever the pressure \
            and the position.",
+    experiment: "triangles at two pressures and two weights; friction does not change with \
+                 pressure.",
     forms: &[
         Form {
             name: "coulomb",

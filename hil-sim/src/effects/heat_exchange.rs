@@ -16,6 +16,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "heat-exchange",
     block: "gas",
     mark: "The pressure overshoots or recovers within 0.05 to 0.5 s of a fast step.",
+    experiment: "steps with the valve shut just after them; the pressure recovers within half a \
+                 second.",
     forms: &[
         Form {
             name: "factor",

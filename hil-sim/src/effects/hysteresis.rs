@@ -17,6 +17,9 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "muscle-force",
     mark: "The force depends on the direction and on where the last reversal was, not on the \
            speed; there are minor loops; the loop is wider at higher pressure.",
+    experiment: "triangles of pressure with minor loops at two loads; a loop in force that grows \
+                 with \
+                 pressure and not with speed is hysteresis.",
     forms: &[
         Form {
             name: "maxwell-slip",

@@ -14,6 +14,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "gas",
     mark: "The pressure settles below its reference in proportion to itself, and falls with the \
            valve shut.",
+    experiment: "the valve shut at three pressures for 60 s; a leak falls in proportion to \
+                 pressure.",
     forms: &[
         Form {
             name: "linear",

@@ -105,6 +105,8 @@ pub struct EffectKind {
     pub block: &'static str,
     /// The mark it leaves in data, in words.
     pub mark: &'static str,
+    /// The experiment that shows it apart from what it is taken for.
+    pub experiment: &'static str,
     /// Its forms; the first is the one meant where a rig names none.
     pub forms: &'static [Form],
 }

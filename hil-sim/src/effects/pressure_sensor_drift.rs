@@ -12,6 +12,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "pressure-sensor-drift",
     block: "sensor",
     mark: "The reading drifts away from force and contraction, which stay with the true pressure.",
+    experiment: "a vented zero before and after a hold of ten minutes.",
     forms: &[
         Form {
             name: "linear",

@@ -10,6 +10,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "sensor",
     mark: "The reading disagrees with force and contraction, which stay with the true pressure, \
            in proportion to the pressure.",
+    experiment: "two known pressures from a gauge, far apart.",
     forms: &[Form {
         name: "proportional",
         parameters: &[Parameter::new("gain_error", "1", (-0.4, 0.4), 0.02).neutral(0.0)],

@@ -10,6 +10,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "sensor",
     mark: "The reading disagrees with force and contraction, which stay with the true pressure, \
            by the same amount everywhere.",
+    experiment: "a vented zero, and one known pressure from a gauge.",
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset_pa", "Pa", (-1e5, 1e5), 5e3).neutral(0.0)],

@@ -13,6 +13,9 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "run-in",
     block: "muscle-force",
     mark: "The residual falls from cycle to cycle, and not with time while the muscle rests.",
+    experiment: "twenty equal cycles after a rest of an hour; the change ends with cycles, not \
+                 with \
+                 time.",
     forms: &[
         Form {
             name: "exponential",

@@ -10,6 +10,9 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "slack",
     block: "muscle-force",
     mark: "The force is flat at zero below a threshold pressure, where Eq 1 has the muscle push.",
+    experiment: "a slow ramp from a vented muscle with the force channel; the force is flat at \
+                 zero \
+                 below a threshold.",
     forms: &[
         Form {
             name: "sharp",

@@ -20,6 +20,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "supply-droop",
     block: "supply",
     mark: "Upward steps near supply pressure run short after heavy use; downward ones do not.",
+    experiment: "ten large steps up in quick succession with the supply's pressure recorded.",
     forms: &[
         Form {
             name: "linear",

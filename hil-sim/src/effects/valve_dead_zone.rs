@@ -14,6 +14,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "valve",
     mark: "The pressure stops short of its reference by up to the width, from either side, with a \
            slow tail.",
+    experiment: "slow ramps of the reference through five pressures, up and down, at one \
+                 contraction.",
     forms: &[
         Form {
             name: "sharp",

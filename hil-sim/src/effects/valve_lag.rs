@@ -13,6 +13,7 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "valve-lag",
     block: "valve",
     mark: "Every change of the pressure is rounded by the same time constant, at any amplitude.",
+    experiment: "steps of 20, 50, 100 and 200 kPa; the same rounding at every size is a lag.",
     forms: &[
         Form {
             name: "first-order",

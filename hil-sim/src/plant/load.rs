@@ -53,7 +53,7 @@ pub struct LoadBlock {
 impl LoadBlock {
     /// The constants in force, and the external force that lifts \[N\].
     #[inline]
-    fn constants(&self, at: &LoadPoint, state: &[f64]) -> (Weight, f64) {
+    pub fn constants(&self, at: &LoadPoint, state: &[f64]) -> (Weight, f64) {
         if self.terms.is_empty() {
             return (self.weight, 0.0);
         }

@@ -29,6 +29,12 @@ pub struct SensorPoint {
 pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
     /// Changes what is read.
     fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading);
+
+    /// How far at most, either way, the contraction is read behind the true one because it has play
+    /// \[-\].
+    fn play(&self, _initial_length_m: f64) -> f64 {
+        0.0
+    }
 }
 
 /// The sensors.

@@ -12,6 +12,8 @@ use super::{
     CONTRACTION, CONTRACTION_RATE, Drive, NOMINAL_STATES, PRESSURE, Plant, Regime, STATES_MAX,
     TEMPERATURE,
 };
+use crate::error::BadInput;
+use crate::rig::Rig;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::collections::VecDeque;
 
@@ -69,6 +71,11 @@ impl SimulationError {
         match self {
             SimulationError::NoStep { time_s, .. } | SimulationError::Chatter { time_s } => *time_s,
         }
+    }
+
+    /// What is said to the user of `rig`, which has no inputs that could be at fault.
+    pub fn of(&self, rig: &Rig) -> BadInput {
+        rig.bad_file(&format!("a rig whose plant can be followed, {self}"))
     }
 }
 
@@ -357,20 +364,15 @@ impl<const N: usize> Trajectory<N> {
         if worst.is_nan() { REFUSED } else { worst }
     }
 
-    /// The rates at the begin of an advance. After a jump of the drive the flow has its sign anew,
-    /// and the step is the one that fitted after the last jump.
-    fn first_rates(&mut self, plant: &Plant, drive: &Drive) -> [f64; N] {
-        match self.rates.take() {
-            Some((known, rates)) if known == *drive => rates,
-            _ => {
-                let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
-                self.regime.charging = flow > 0.0;
-                self.sliding = false;
-                self.step_s = self.step_s_after_jump;
-                self.work.evaluations += 1;
-                plant.rates(self.time_s, drive, self.regime, &self.state)
-            }
-        }
+    /// The rates after a jump of the drive: the flow has its sign anew, and the step is the one
+    /// that fitted after the last jump.
+    fn rates_after_jump(&mut self, plant: &Plant, drive: &Drive) -> [f64; N] {
+        let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
+        self.regime.charging = flow > 0.0;
+        self.sliding = false;
+        self.step_s = self.step_s_after_jump;
+        self.work.evaluations += 1;
+        plant.rates(self.time_s, drive, self.regime, &self.state)
     }
 
     fn advance(
@@ -379,8 +381,10 @@ impl<const N: usize> Trajectory<N> {
         drive: &Drive,
         until_s: f64,
     ) -> Result<(), SimulationError> {
-        let mut after_jump = self.rates.as_ref().is_none_or(|(known, _)| known != drive);
-        let mut rates = self.first_rates(plant, drive);
+        let (mut after_jump, mut rates) = match self.rates.take() {
+            Some((known, rates)) if known == *drive => (false, rates),
+            _ => (true, self.rates_after_jump(plant, drive)),
+        };
         let mut events = 0;
         while self.time_s < until_s {
             let remaining_s = until_s - self.time_s;

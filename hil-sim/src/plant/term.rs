@@ -46,7 +46,7 @@ impl<T: ?Sized> Default for Terms<T> {
 
 impl<T: ?Sized> Terms<T> {
     /// Adds a term whose states begin at `first` of the plant's state; returns how many it has.
-    pub(super) fn push<Point>(&mut self, term: Box<T>, first: usize) -> usize
+    pub(crate) fn push<Point>(&mut self, term: Box<T>, first: usize) -> usize
     where
         T: Dynamics<Point>,
     {

@@ -41,6 +41,8 @@ pub struct Section {
     pub tables: Vec<Table>,
     /// Plots.
     pub plots: Vec<Plot>,
+    /// A file's text, shown as it is, after all else; empty if there is none.
+    pub code: String,
 }
 
 /// A table of words.
@@ -257,7 +259,11 @@ impl Report {
                 )?;
                 plots.push(plot);
             }
-            writeln!(html, "</div></section>")?;
+            writeln!(html, "</div>")?;
+            if !section.code.is_empty() {
+                writeln!(html, "<pre><code>{}</code></pre>", escaped(&section.code))?;
+            }
+            writeln!(html, "</section>")?;
         }
         writeln!(html, "<footer><h2>How to repeat</h2>")?;
         for command in &self.repeat {

@@ -551,9 +551,9 @@ fn time_plot(score: &Score) -> Plot {
 fn section(heading: &str, tables: Vec<Table>, plots: Vec<Plot>) -> Section {
     Section {
         heading: heading.into(),
-        text: Vec::new(),
         tables,
         plots,
+        ..Section::default()
     }
 }
 

@@ -230,7 +230,6 @@ fn section(points: &[Point], problem: &str) -> Section {
     ];
     Section {
         heading: problem.into(),
-        text: Vec::new(),
         tables: vec![Table {
             caption: format!("Fastest setting with errors of ε and P up to {ACCURACY:e} of range"),
             columns: columns.map(String::from).to_vec(),
@@ -245,6 +244,7 @@ fn section(points: &[Point], problem: &str) -> Section {
             markers: Vec::new(),
             sync: None,
         }],
+        ..Section::default()
     }
 }
 

@@ -1,0 +1,102 @@
+//! `hil-sim diagnose`.
+
+use super::Progress;
+use crate::Failure;
+use hil_sim::diagnose::{diagnose, report};
+use hil_sim::error::BadInput;
+use hil_sim::output::{NotWritten, same_file, write_atomically};
+use hil_sim::record::Record;
+use hil_sim::rig::Rig;
+use std::path::PathBuf;
+
+/// Find where simulation and measurement disagree, and name the effect that is missing
+///
+/// Takes a nominal rig, records to fit and records to judge by. Writes diagnosis.json,
+/// rig.fitted.toml and report.html.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Example:
+  hil-sim diagnose --rig rig.toml --fit a.csv --fit b.csv --validate c.csv --out diagnosis")]
+pub struct Args {
+    /// The nominal rig
+    #[arg(long, value_name = "RIG")]
+    rig: PathBuf,
+    /// A record to fit to; may be given more than once
+    #[arg(long, value_name = "REC.csv", required = true)]
+    fit: Vec<PathBuf>,
+    /// A record to judge by, never fitted to; may be given more than once
+    #[arg(long, value_name = "REC.csv", required = true)]
+    validate: Vec<PathBuf>,
+    /// Folder for the results, made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Leave an effect out of the catalogue; may be given more than once
+    #[arg(long, value_name = "NAME", value_parser = effect)]
+    without: Vec<String>,
+    /// How many threads; all cores if left out
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<usize>,
+    /// Print the diagnosis as JSON instead of words
+    #[arg(long)]
+    json: bool,
+}
+
+fn effect(name: &str) -> Result<String, String> {
+    let names = hil_sim::effects::CATALOGUE.iter().map(|kind| kind.name);
+    if names.clone().any(|known| known == name) {
+        return Ok(name.into());
+    }
+    Err(format!(
+        "expected one of {}",
+        names.collect::<Vec<_>>().join(", ")
+    ))
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let rig = Rig::read(&args.rig)?;
+    let read = |paths: &[PathBuf]| {
+        let records = paths.iter().map(|path| Record::read(path));
+        records.collect::<Result<Vec<_>, _>>()
+    };
+    let (fit, validate) = (read(&args.fit)?, read(&args.validate)?);
+    for path in &args.validate {
+        if args.fit.iter().any(|fitted| same_file(fitted, path)) {
+            let file = path.display().to_string();
+            return Err(BadInput::file(file, "a record that is not fitted too").into());
+        }
+    }
+    let text = std::fs::read_to_string(&args.rig)
+        .map_err(|error| rig.bad_file(&format!("a file that can be read, {error}")))?;
+    let mut pool = rayon::ThreadPoolBuilder::new();
+    if let Some(threads) = args.threads {
+        pool = pool.num_threads(threads);
+    }
+    let pool = pool
+        .build()
+        .map_err(|error| BadInput::file("--threads", error.to_string()))?;
+    let diagnosed = {
+        let progress = Progress::new("diagnosing", 3);
+        let step = |_| progress.step();
+        pool.install(|| diagnose(&rig, &fit, &validate, &args.without, step))?
+    };
+    let rewritten = diagnosed.fitted.rewritten(&text);
+    let rewritten = rewritten.map_err(|error| rig.bad_file(&error.to_string()))?;
+    let json = serde_json::to_string_pretty(&diagnosed.diagnosis)
+        .map_err(|error| rig.bad_file(&error.to_string()))?;
+    std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
+    write_atomically(&args.out.join("rig.fitted.toml"), rewritten.as_bytes())?;
+    write_atomically(
+        &args.out.join("diagnosis.json"),
+        format!("{json}\n").as_bytes(),
+    )?;
+    let mut report = report::report(&diagnosed, &validate, &rewritten);
+    report.repeat = vec![super::this_command()];
+    write_atomically(&args.out.join("report.html"), report.to_html().as_bytes())?;
+    if args.json {
+        super::print_json(&diagnosed.diagnosis)?;
+    } else {
+        super::print(&report.to_text())?;
+    }
+    Ok(())
+}

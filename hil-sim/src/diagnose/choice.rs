@@ -1,0 +1,449 @@
+//! The choice between hypotheses: which effects are missing, and when nothing may be named.
+//!
+//! Effects are tried alone, then in pairs and more: each set that leads, over all or over one block
+//! alone, is joined with what promises most beyond it. A set is taken if each of its members is
+//! needed: without it much of what is then left would be explained by nothing else. What the set
+//! leaves decides whether it is named at all.
+
+use super::engine::{Active, Engine, Fit, Hypothesis, Model, Tally};
+use rayon::prelude::*;
+
+/// Names that lead over all, and over each block alone.
+const LEADERS: [usize; 2] = [3, 2];
+/// Names that are tried beside a leader.
+const FOLLOWERS: usize = 4;
+/// Leading sets of which every form is tried.
+const VARIED: usize = 2;
+/// Leading sets whose fit is made exact.
+const POLISHED: usize = 4;
+/// Effects that are named together at most.
+const MEMBERS: usize = 3;
+/// Mean square of residuals, tamed, up to which a block is as good as its noise.
+const NOISE_ONLY: f64 = 1.3;
+/// Gain in cost that noise alone does not give.
+const GAIN: f64 = 24.0;
+/// Promised gain that is worth a fit where nothing is above the noise.
+const PROMISE: f64 = 10.0;
+/// Gain that each parameter of an effect gives by itself, with room.
+const GAIN_PARAMETER: f64 = 4.0;
+/// Share of what is left without an effect that the effect must explain.
+const SHARE_OF_MEMBER: f64 = 0.4;
+/// A size is none below this share of the usual one.
+const NOTHING: f64 = 1e-6;
+/// Share of all that is gained that a member must gain: an effect in another form than its own
+/// leaves something that a second one could take up.
+const SHARE_OF_ALL: f64 = 0.04;
+/// Share of what is above the noise that all named effects must explain.
+const SHARE: f64 = 0.7;
+/// Names whose sets cost less than this more, beside what is left, cannot be told apart.
+const MARGIN: f64 = 12.0;
+
+/// What the data say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The nominal model explains the data.
+    Consistent,
+    /// The named effects do.
+    Explained,
+    /// Something is left that no effect of the catalogue explains.
+    Unexplained,
+}
+
+/// What was chosen.
+pub struct Choice {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Without any effect.
+    pub null: Hypothesis,
+    /// The best set of effects, named or not.
+    pub best: Hypothesis,
+    /// Share of what was above the noise that `best` explains.
+    pub share: f64,
+    /// For each candidate of `best`: other effects that would do as well in its place.
+    pub alternatives: Vec<Vec<&'static str>>,
+    /// Blocks in which something is left beside what is named.
+    pub left: Vec<usize>,
+    /// All that was tried, best first.
+    pub tried: Vec<Hypothesis>,
+}
+
+/// What a block has above its noise: cost of fitted and predicted residuals.
+fn excess_of(fit: &Fit, block: usize) -> f64 {
+    let parts = fit.parts.iter().filter(|part| part.block == block);
+    let excess = parts.map(|part| {
+        let Tally { cost, count } = part.total();
+        cost - 0.5 * NOISE_ONLY * count as f64
+    });
+    excess.sum::<f64>().max(0.0)
+}
+
+fn excess(fit: &Fit) -> f64 {
+    let blocks = fit.parts.iter().map(|part| excess_of(fit, part.block));
+    blocks.sum::<f64>()
+}
+
+/// What one step of the search is doing.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// How many effects are tried together.
+    pub members: usize,
+    /// How many sets are tried.
+    pub sets: usize,
+}
+
+struct Search<'a, 'b, M> {
+    engine: &'b Engine<'a, M>,
+    /// All that was tried.
+    tried: Vec<Hypothesis>,
+}
+
+impl<M: Model> Search<'_, '_, M> {
+    fn name(&self, candidate: usize) -> &'static str {
+        self.engine.model.candidates()[candidate].effect
+    }
+
+    fn parameters(&self, candidates: &[usize]) -> usize {
+        let all = self.engine.model.candidates();
+        candidates.iter().map(|c| all[*c].parameters.len()).sum()
+    }
+
+    /// Cost with what parameters gain by themselves.
+    fn score(&self, hypothesis: &Hypothesis) -> f64 {
+        let parameters = self.parameters(&hypothesis.candidates);
+        hypothesis.fit.score() + GAIN_PARAMETER * parameters as f64
+    }
+
+    fn sort(&mut self) {
+        let mut tried = std::mem::take(&mut self.tried);
+        tried.sort_by(|a, b| {
+            let by_score = self.score(a).total_cmp(&self.score(b));
+            by_score.then_with(|| a.candidates.cmp(&b.candidates))
+        });
+        self.tried = tried;
+    }
+
+    /// Fits `sets`, and makes the leading ones exact.
+    fn try_all(&mut self, sets: &[Vec<usize>]) {
+        let Some(members) = sets.first().map(Vec::len) else {
+            return;
+        };
+        let fitted: Vec<Hypothesis> = sets
+            .par_iter()
+            .filter_map(|set| self.engine.hypothesis(set))
+            .collect();
+        self.tried.extend(fitted);
+        self.sort();
+        let of_size = |h: &&Hypothesis| h.candidates.len() == members;
+        let leading: Vec<Hypothesis> = self
+            .tried
+            .iter()
+            .filter(of_size)
+            .take(POLISHED)
+            .cloned()
+            .collect();
+        let polished: Vec<Hypothesis> = leading
+            .par_iter()
+            .filter_map(|h| self.engine.polished(h))
+            .collect();
+        for exact in polished {
+            let same = self
+                .tried
+                .iter_mut()
+                .find(|h| h.candidates == exact.candidates);
+            if let Some(same) = same.filter(|same| exact.fit.score() < same.fit.score()) {
+                *same = exact;
+            }
+        }
+        self.sort();
+    }
+
+    /// Of sets in order of preference, the first `count` that differ in their names.
+    fn distinct(&self, sets: impl Iterator<Item = Vec<usize>>, count: usize) -> Vec<Vec<usize>> {
+        let mut names: Vec<Vec<&str>> = Vec::new();
+        let mut distinct = Vec::new();
+        for set in sets {
+            let of_set: Vec<&str> = set.iter().map(|c| self.name(*c)).collect();
+            if distinct.len() < count && !names.contains(&of_set) {
+                names.push(of_set);
+                distinct.push(set);
+            }
+        }
+        distinct
+    }
+
+    /// The sets of `members` that lead.
+    fn leaders(&self, null: &Hypothesis, members: usize) -> Vec<Vec<usize>> {
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let mut leaders = self.distinct(of_size.map(|h| h.candidates.clone()), LEADERS[0]);
+        if members > 1 {
+            leaders.truncate(1);
+            return leaders;
+        }
+        for part in &null.fit.parts {
+            if excess_of(&null.fit, part.block) < GAIN {
+                continue;
+            }
+            let all = self.engine.model.candidates();
+            let touching: Vec<usize> = (0..all.len())
+                .filter(|c| all[*c].blocks.contains(&part.block))
+                .collect();
+            let alone = touching.par_iter().filter_map(|candidate| {
+                let fit = self.engine.group(&[part.block], &[*candidate])?;
+                Some((fit.score(), *candidate))
+            });
+            let mut alone: Vec<(f64, usize)> = alone.collect();
+            alone.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let sets = alone.into_iter().map(|(_, candidate)| vec![candidate]);
+            for leader in self.distinct(sets, LEADERS[1]) {
+                if !leaders.contains(&leader) {
+                    leaders.push(leader);
+                }
+            }
+        }
+        leaders
+    }
+
+    /// Leaders joined with what promises most beside them.
+    fn joined(&self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
+        let mut sets = Vec::new();
+        for leader in leaders {
+            let known = self.tried.iter().find(|h| h.candidates == *leader);
+            let Some(promises) = known.and_then(|h| self.engine.promises(h)) else {
+                continue;
+            };
+            let mut order: Vec<usize> = (0..promises.len()).collect();
+            order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
+            order.retain(|candidate| {
+                let blocks = &self.engine.model.candidates()[*candidate].blocks;
+                let certain = blocks
+                    .iter()
+                    .all(|block| self.engine.model.proportional(*block));
+                !leader.contains(candidate) && (promises[*candidate] > PROMISE || !certain)
+            });
+            let followers = order.into_iter().map(|candidate| vec![candidate]);
+            for follower in self.distinct(followers, FOLLOWERS) {
+                let mut set = [leader.clone(), follower].concat();
+                set.sort_unstable();
+                if !sets.contains(&set) {
+                    sets.push(set);
+                }
+            }
+        }
+        sets
+    }
+
+    /// The leading sets with one member each time in another form of the same effect.
+    fn variants(&self, members: usize) -> Vec<Vec<usize>> {
+        let all = self.engine.model.candidates();
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let leading = self.distinct(of_size.map(|h| h.candidates.clone()), VARIED);
+        let mut variants = Vec::new();
+        for set in leading {
+            for (place, own) in set.iter().enumerate() {
+                for other in 0..all.len() {
+                    let mut variant = set.clone();
+                    variant[place] = other;
+                    variant.sort_unstable();
+                    let known = self.tried.iter().any(|h| h.candidates == variant);
+                    if all[other].effect == all[*own].effect && !known {
+                        variants.push(variant);
+                    }
+                }
+            }
+        }
+        variants
+    }
+
+    /// Whether every size of an effect is at the bound where it does nothing.
+    fn vanishes(&self, (candidate, values): &Active) -> bool {
+        let parameters = &self.engine.model.candidates()[*candidate].parameters;
+        let sizes = || {
+            parameters
+                .iter()
+                .zip(values)
+                .filter(|(p, _)| !p.log && p.range.0 == 0.0)
+        };
+        sizes().next().is_some() && sizes().all(|(p, value)| *value < NOTHING * p.usual)
+    }
+
+    /// Whether each member of `hypothesis` is needed.
+    fn needed(&self, hypothesis: &Hypothesis) -> bool {
+        let names: Vec<&str> = hypothesis
+            .candidates
+            .iter()
+            .map(|c| self.name(*c))
+            .collect();
+        if (1..names.len()).any(|place| names[..place].contains(&names[place])) {
+            return false;
+        }
+        let own = self.score(hypothesis);
+        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        if hypothesis
+            .fit
+            .effects
+            .iter()
+            .any(|active| self.vanishes(active))
+        {
+            return false;
+        }
+        // What makes the free motion worse than nothing does is no explanation.
+        let worse =
+            |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN_PARAMETER;
+        if null.is_some_and(worse) {
+            return false;
+        }
+        let gained = null.map_or(0.0, |null| self.score(null) - own);
+        for (place, candidate) in hypothesis.candidates.iter().enumerate() {
+            let mut others = hypothesis.candidates.clone();
+            others.remove(place);
+            // In place of the member, another form of the effects that remain may do.
+            let keeps = |h: &&Hypothesis| {
+                let names_kept = h.candidates.iter().all(|c| {
+                    others
+                        .iter()
+                        .any(|other| self.name(*other) == self.name(*c))
+                });
+                names_kept && h.candidates.len() <= hypothesis.candidates.len()
+            };
+            let without = self.tried.iter().find(keeps);
+            let Some(without) = without else { return false };
+            let gain = self.score(without) - own;
+            let blocks = &self.engine.model.candidates()[*candidate].blocks;
+            let left: f64 = blocks
+                .iter()
+                .map(|block| excess_of(&without.fit, *block))
+                .sum();
+            // Only what is fitted to the same residuals takes up what another's form leaves.
+            let beside = others.iter().any(|other| {
+                let theirs = &self.engine.model.candidates()[*other].blocks;
+                theirs.iter().any(|block| blocks.contains(block))
+            });
+            let of_all = if beside { SHARE_OF_ALL * gained } else { 0.0 };
+            if gain < GAIN.max(SHARE_OF_MEMBER * left).max(of_all) {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Other effects that would do as well as a member of `best`.
+    fn alternatives(&self, best: &Hypothesis) -> Vec<Vec<&'static str>> {
+        let own = self.score(best);
+        let left = MARGIN.max(0.05 * excess(&best.fit));
+        let near = self
+            .tried
+            .iter()
+            .filter(|h| h.candidates.len() == best.candidates.len() && self.score(h) < own + left);
+        let near: Vec<Vec<&'static str>> = near
+            .map(|h| h.candidates.iter().map(|c| self.name(*c)).collect())
+            .collect();
+        let names: Vec<&'static str> = best.candidates.iter().map(|c| self.name(*c)).collect();
+        let of = |place: usize| {
+            let mut found: Vec<&'static str> = Vec::new();
+            for set in &near {
+                let others = names
+                    .iter()
+                    .enumerate()
+                    .filter(|(other, _)| *other != place);
+                if others.into_iter().all(|(_, name)| set.contains(name)) {
+                    for name in set {
+                        if !names.contains(name) && !found.contains(name) {
+                            found.push(name);
+                        }
+                    }
+                }
+            }
+            found
+        };
+        (0..names.len()).map(of).collect()
+    }
+
+    /// The best set whose members are all needed.
+    fn taken(&self) -> Option<Hypothesis> {
+        self.tried.iter().find(|h| self.needed(h)).cloned()
+    }
+
+    /// Tries effects alone, then what leads among them together.
+    fn run(&mut self, null: &Hypothesis, step: impl Fn(Step)) -> Option<()> {
+        // Where a block is as good as its noise, what does not even promise to be seen is not
+        // fitted.
+        let promises = self.engine.promises(null)?;
+        let worth = |candidate: &usize| {
+            let blocks = &self.engine.model.candidates()[*candidate].blocks;
+            let open = |block: &usize| {
+                excess_of(&null.fit, *block) > 0.0 || !self.engine.model.proportional(*block)
+            };
+            blocks.iter().any(open) || promises[*candidate] > PROMISE
+        };
+        let candidates = (0..self.engine.model.candidates().len()).filter(worth);
+        let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
+        for members in 1..=MEMBERS {
+            step(Step {
+                members,
+                sets: sets.len(),
+            });
+            self.try_all(&sets);
+            if members > 1 {
+                let variants = self.variants(members);
+                step(Step {
+                    members,
+                    sets: variants.len(),
+                });
+                self.try_all(&variants);
+            }
+            let found = self.taken().map_or(0, |best| best.candidates.len());
+            // Three together only where two are better than one, or much is left.
+            if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
+                break;
+            }
+            let leaders = self.leaders(null, members);
+            sets = self.joined(&leaders);
+            if sets.is_empty() {
+                break;
+            }
+        }
+        Some(())
+    }
+}
+
+/// Chooses; `step` is told what is tried. `None` where the model has no solution at all.
+pub fn choose<M: Model>(engine: &Engine<M>, step: impl Fn(Step)) -> Option<Choice> {
+    let null = engine
+        .hypothesis(&[])
+        .map(|null| engine.polished(&null).unwrap_or(null))?;
+    let mut search = Search {
+        engine,
+        tried: vec![null.clone()],
+    };
+    search.run(&null, step)?;
+    let best = search.taken().unwrap_or_else(|| null.clone());
+    let above = excess(&null.fit);
+    let share = if above > 0.0 {
+        1.0 - excess(&best.fit) / above
+    } else {
+        1.0
+    };
+    let verdict = match (best.candidates.is_empty(), above < GAIN) {
+        (true, true) => Verdict::Consistent,
+        (false, _) if share >= SHARE => Verdict::Explained,
+        _ => Verdict::Unexplained,
+    };
+    let rest = if verdict == Verdict::Explained {
+        &best
+    } else {
+        &null
+    };
+    let left = (0..engine.model.blocks().len()).filter(|block| {
+        verdict == Verdict::Unexplained && excess_of(&rest.fit, *block) > 0.1 * above
+    });
+    Some(Choice {
+        verdict,
+        alternatives: search.alternatives(&best),
+        left: left.collect(),
+        share,
+        null,
+        best,
+        tried: search.tried,
+    })
+}

@@ -1,0 +1,838 @@
+//! The muscle rig as the engine sees it: its blocks on measured inputs, and their residuals.
+//!
+//! - *gas*: reference and measured contraction in, pressure simulated, against the measured one.
+//! - *force* (with a force channel): measured pressure and contraction in, against measured force.
+//! - *load*: the balance of forces on the weight. Acceleration and speed come from the measured
+//!   contraction through a smooth kernel, which takes the derivatives; where the weight stands
+//!   still, static friction may be anything up to its limit.
+
+use super::Calibrated;
+use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use crate::check::check;
+use crate::effects::CATALOGUE;
+use crate::error::BadInput;
+use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
+use crate::plant::simulation::Initial;
+use crate::plant::term::Terms;
+use crate::plant::{Plant, Term};
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::{Effect, Load, Rig, Weight};
+use crate::simulate::{Inputs, simulate};
+use model_core::pressure::GaugePa;
+use std::borrow::Cow;
+use std::ops::ControlFlow;
+
+/// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
+const KERNEL_S: f64 = 0.04;
+/// The kernel reaches so many widths.
+const KERNEL_REACH: f64 = 4.0;
+/// Residuals through the kernel stand so far apart that neighbours hardly share noise \[s\].
+const SPACING_S: f64 = 2.5 * KERNEL_S;
+/// The begin of a record that is not compared, as the gas may not have been at rest \[s\].
+const SKIP_S: f64 = 0.6;
+/// Tolerance of the simulations.
+const TOLERANCE: f64 = 1e-4;
+/// A speed is one when it is so many of its standard errors.
+const SPEED_ERRORS: f64 = 5.0;
+/// So near to a change of direction the weight may still be stuck, or be so already \[s\].
+const TURN_S: f64 = 0.03;
+/// An encoder that rests for longer than this has more to it than a turn of the motion \[s\].
+const TURN_LONG_S: f64 = 0.3;
+/// So near to its lowest reading the weight may rest on the stop, which holds it from below \[-\].
+const STOP_REACH: f64 = 5e-3;
+/// So long after a landing on the stop the gas is not compared \[s\]: between two samples the
+/// contraction is not known there.
+const LANDING_S: f64 = 0.1;
+/// Speed of a landing that matters \[1/s\].
+const LANDING_PER_S: f64 = 0.05;
+/// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
+/// are far from those of any rig.
+const STEPS_PER_S: f64 = 300.0;
+const STEPS_PER_ROW: f64 = 2.0;
+/// A free motion is as good as it can be when it is within so many times the noise: where a weight
+/// sticks is decided by less.
+const MOTION_NOISES: f64 = 5.0;
+/// Stops of a record that are independent of each other.
+const MOTION_STOPS: f64 = 8.0;
+/// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
+const FORCE_FLOOR_N: f64 = 0.1;
+
+const GAS: &str = "gas";
+const FORCE: &str = "force";
+const LOAD: &str = "load";
+
+/// Standard deviations of a record's noise.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+pub struct Noise {
+    /// Of the pressure \[Pa\].
+    pub pressure_pa: f64,
+    /// Of the contraction \[-\].
+    pub contraction: f64,
+    /// Of the force \[N\].
+    pub force_n: f64,
+}
+
+impl Noise {
+    /// That of the signal in a column.
+    pub fn of(&self, signal: &str) -> f64 {
+        match signal {
+            PRESSURE_PA => self.pressure_pa,
+            CONTRACTION => self.contraction,
+            _ => self.force_n,
+        }
+    }
+}
+
+/// One place where the balance of forces is looked at.
+struct Place {
+    kernel: Kernel,
+    /// One over the standard deviation of the balance's noise \[1/N\].
+    per_noise: f64,
+}
+
+/// A record made ready.
+struct Prepared {
+    /// With the reference, for the gas; without, for force and load.
+    gas: Option<Record>,
+    measured: Record,
+    noise: Noise,
+    places: Vec<Place>,
+    /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
+    rates_per_s: Vec<f64>,
+    directions: Vec<f64>,
+    /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
+    sides: Vec<f64>,
+    /// Rows in which pressure and force are compared.
+    gas_rows: Vec<usize>,
+    force_rows: Vec<usize>,
+    /// What is doubtful about it.
+    warnings: Vec<String>,
+}
+
+/// Directions with each rest of the encoder crossed: in a short one the motion turns, with a steady
+/// acceleration; in a long one the muscle goes with the pressure.
+fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
+    let moving: Vec<usize> = (0..directions.len())
+        .filter(|row| directions[*row] != 0.0)
+        .collect();
+    let mut sides = directions.to_vec();
+    let (Some(first), Some(last)) = (moving.first(), moving.last()) else {
+        return sides;
+    };
+    sides[..*first].fill(directions[*first]);
+    sides[*last..].fill(directions[*last]);
+    for pair in moving.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        for row in from + 1..to {
+            let by_time = (time_s[row] - time_s[from]) / (time_s[to] - time_s[from]);
+            let long = time_s[to] - time_s[from] > TURN_LONG_S;
+            let by_pressure = pressure_pa.map(|p| (p[row] - p[from]) / (p[to] - p[from]));
+            let by_pressure = by_pressure.filter(|share| long && share.is_finite());
+            let share = by_pressure.unwrap_or(by_time * by_time);
+            let whole = directions[to] - directions[from];
+            sides[row] = directions[from] + share.clamp(0.0, 1.0) * whole;
+        }
+    }
+    sides
+}
+
+/// When a weight lands on its stop with a speed.
+fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f64> {
+    let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
+    let low = |value: f64| value < lowest + 1e-3;
+    let rows = 3..time_s.len();
+    let lands = rows.filter(|row| low(contraction[*row]) && !low(contraction[row - 1]));
+    let fast = lands.filter(|row| {
+        rates_per_s[row - 3..*row]
+            .iter()
+            .any(|r| *r < -LANDING_PER_S)
+    });
+    fast.map(|row| time_s[row]).collect()
+}
+
+/// The rig with its records.
+pub struct MuscleModel {
+    rig: Rig,
+    records: Vec<Prepared>,
+    fitted: usize,
+    blocks: Vec<&'static str>,
+    nominal_blocks: Vec<Vec<usize>>,
+    candidates: Vec<Candidate>,
+}
+
+/// The blocks on which a nominal value of a section acts.
+fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
+    match (section, key) {
+        ("muscle", "volume_d1_m3" | "volume_d2_m3" | "volume_d3_m3") => &[GAS],
+        ("muscle", "initial_length_m") => &[GAS, LOAD],
+        ("muscle", _) => &[FORCE],
+        ("load", _) => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+/// The blocks that an effect changes.
+fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
+    match (name, place) {
+        ("line-dynamics", _) => &[GAS, FORCE],
+        ("contraction-sensor-offset", _) => &[GAS, FORCE],
+        // The volume hardly knows; its rate at each turn would only blur.
+        ("backlash", _) => &[FORCE, LOAD],
+        (_, "sensor") => &[GAS, FORCE],
+        (_, "muscle-force") => &[FORCE],
+        (_, "load") => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+impl MuscleModel {
+    /// The model of `rig` with the records that are fitted; effects named in `without` are left
+    /// out.
+    ///
+    /// # Errors
+    /// The records lack what every diagnosis needs.
+    pub fn new(
+        rig: &Rig,
+        fit: &[Record],
+        validate: &[Record],
+        without: &[String],
+    ) -> Result<Self, BadInput> {
+        let records = || fit.iter().chain(validate);
+        let has = |name: &str| records().all(|record| record.column(name).is_some());
+        let mut blocks = Vec::new();
+        if has(PRESSURE_REF_PA) && rig.valve.is_some() {
+            blocks.push(GAS);
+        }
+        if has(FORCE_N) {
+            blocks.push(FORCE);
+        }
+        if matches!(rig.load, Load::Weight(_)) {
+            blocks.push(LOAD);
+        }
+        // Without a force channel the balance of the load stands for both.
+        let places = |names: &[&str]| -> Vec<usize> {
+            let mut places: Vec<usize> = names
+                .iter()
+                .filter_map(|name| {
+                    let instead = if *name == FORCE && !blocks.contains(&FORCE) {
+                        LOAD
+                    } else {
+                        name
+                    };
+                    blocks.iter().position(|block| *block == instead)
+                })
+                .collect();
+            places.sort_unstable();
+            places.dedup();
+            places
+        };
+        let nominal = |tolerance: &crate::rig::Tolerance| {
+            places(blocks_of(&tolerance.section, &tolerance.key))
+        };
+        let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
+        let kinds = CATALOGUE
+            .iter()
+            .filter(|kind| !without.iter().any(|name| name == kind.name));
+        let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
+        let candidates = forms.map(|(kind, form)| Candidate {
+            effect: kind.name,
+            form: form.name,
+            parameters: form
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name,
+                    unit: p.unit,
+                    range: (p.min, p.max),
+                    usual: p.usual,
+                    log: p.log,
+                })
+                .collect(),
+            blocks: places(blocks_of_effect(kind.name, kind.block)),
+        });
+        // An effect on no block that was measured cannot be seen.
+        let candidates = candidates
+            .filter(|candidate| !candidate.blocks.is_empty())
+            .collect();
+        Ok(MuscleModel {
+            fitted: fit.len(),
+            records: records()
+                .map(|record| Prepared::new(rig, record))
+                .collect::<Result<_, _>>()?,
+            rig: rig.clone(),
+            blocks,
+            nominal_blocks,
+            candidates,
+        })
+    }
+
+    /// The rig with its nominal values moved by `nominal` standard deviations, and effects added.
+    pub fn fitted(&self, nominal: &[f64], effects: &[Active]) -> Rig {
+        let mut rig = self.rig.clone();
+        for (tolerance, deviation) in self.rig.tolerances.iter().zip(nominal) {
+            if let Some(value) = rig.value_mut(&tolerance.section, &tolerance.key) {
+                *value *= 1.0 + tolerance.relative_sigma * deviation;
+            }
+        }
+        for (candidate, values) in effects {
+            let candidate = &self.candidates[*candidate];
+            let kind = crate::effects::find(candidate.effect);
+            if let Some((kind, form)) = kind.and_then(|k| Some((k, k.form(candidate.form)?))) {
+                let values = values.clone();
+                rig.effects.push(Effect { kind, form, values });
+            }
+        }
+        rig
+    }
+
+    /// The nominal values that `nominal` moves.
+    pub fn calibrated(&self, nominal: &[f64]) -> Vec<Calibrated> {
+        let mut rig = self.rig.clone();
+        let values = self.rig.tolerances.iter().zip(nominal);
+        let of = |(tolerance, deviation): (&crate::rig::Tolerance, &f64)| {
+            let value = *rig.value_mut(&tolerance.section, &tolerance.key)?;
+            Some(Calibrated {
+                key: format!("{}.{}", tolerance.section, tolerance.key),
+                values: [value, value * (1.0 + tolerance.relative_sigma * deviation)],
+                deviation: *deviation,
+            })
+        };
+        values.filter_map(of).collect()
+    }
+
+    /// The equations that a block is made of.
+    pub fn places(&self, block: &str) -> Vec<&'static str> {
+        match block {
+            GAS => vec![GAS],
+            FORCE => vec!["muscle-force"],
+            _ if self.blocks.contains(&FORCE) => vec![LOAD],
+            // One balance of forces for both.
+            _ => vec!["muscle-force", LOAD],
+        }
+    }
+
+    /// What the records cannot show.
+    pub fn warnings(&self) -> Vec<String> {
+        let numbered = self.records.iter().enumerate();
+        let mut warnings: Vec<String> = numbered
+            .flat_map(|(number, record)| {
+                let (kind, number) = match number.checked_sub(self.fitted) {
+                    None => ("fitted", number + 1),
+                    Some(later) => ("validation", later + 1),
+                };
+                let words = record.warnings.iter();
+                words.map(move |words| format!("{kind} record {number}: {words}"))
+            })
+            .collect();
+        if !self.blocks.contains(&FORCE) {
+            warnings.push("no force_n: the muscle's force is judged by the weight alone".into());
+        }
+        if !self.blocks.contains(&GAS) {
+            warnings.push("no pressure_ref_pa or valve: nothing is said of valve and gas".into());
+        }
+        warnings
+    }
+
+    /// The noise of each record.
+    pub fn noise(&self) -> Vec<Noise> {
+        self.records.iter().map(|record| record.noise).collect()
+    }
+}
+
+/// A record with some columns of another.
+fn with_columns(record: &Record, names: &[&str]) -> Record {
+    let mut copy = Record::new(record.time_s().to_vec());
+    for name in names {
+        if let Some(values) = record.column(name) {
+            copy.set(name, values.to_vec());
+        }
+    }
+    copy
+}
+
+/// How far the encoder of `rig` may be behind the muscle, either way \[-\].
+fn play(rig: &Rig) -> f64 {
+    let length_m = rig.muscle.initial_length_m;
+    let plays = rig
+        .effects
+        .iter()
+        .map(|effect| match (effect.form.build)(&effect.values) {
+            Term::Sensor(term) => term.play(length_m),
+            _ => 0.0,
+        });
+    plays.sum()
+}
+
+impl Prepared {
+    /// `record` with the contraction that an encoder with `play` has read so; where the encoder
+    /// rests the muscle is where it `may` be in the play, from −1 to 1, or where it most likely is.
+    fn unplayed<'a>(&self, play: f64, record: &'a Record, may: Option<f64>) -> Cow<'a, Record> {
+        let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
+            return Cow::Borrowed(record);
+        };
+        let place = |side: &f64| may.filter(|_| side.abs() < 1.0).unwrap_or(*side);
+        let pairs = contraction.iter().zip(&self.sides);
+        let true_contraction = pairs.map(|(c, side)| c + play * place(side)).collect();
+        let mut record = record.clone();
+        record.set(CONTRACTION, true_contraction);
+        Cow::Owned(record)
+    }
+
+    /// The least and the most force that the muscle can have, row by row \[N\].
+    fn forces_n(&self, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+        let play = play(rig);
+        let of = |may: Option<f64>| {
+            let read = run(rig, &self.unplayed(play, &self.measured, may))?;
+            Some(
+                read.into_iter()
+                    .map(|(read, force_n)| (read.force_n, force_n)),
+            )
+        };
+        if play == 0.0 {
+            return Some(of(None)?.map(|(read_n, _)| (read_n, read_n)).collect());
+        }
+        let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
+        Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
+    }
+
+    fn new(rig: &Rig, record: &Record) -> Result<Prepared, BadInput> {
+        let checked = check(record);
+        checked.refuse(record)?;
+        let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
+        let noise = Noise {
+            pressure_pa: of(PRESSURE_PA).max(1.0),
+            contraction: of(CONTRACTION).max(1e-7),
+            force_n: of(FORCE_N).max(1e-3),
+        };
+        let contraction = record.require(CONTRACTION)?;
+        let mut prepared = Prepared {
+            gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
+                with_columns(
+                    record,
+                    &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, "supply_pa"],
+                )
+            }),
+            measured: with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]),
+            noise,
+            places: Vec::new(),
+            rates_per_s: vec![0.0; contraction.len()],
+            directions: vec![0.0; contraction.len()],
+            sides: vec![0.0; contraction.len()],
+            gas_rows: Vec::new(),
+            force_rows: Vec::new(),
+            warnings: checked.warnings.iter().map(ToString::to_string).collect(),
+        };
+        prepared.motion(record, contraction);
+        let time_s = record.time_s();
+        let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
+        let rows = |name: &str| -> Vec<usize> {
+            let column = record.column(name).unwrap_or_default();
+            (begin..column.len())
+                .filter(|row| !column[*row].is_nan())
+                .collect()
+        };
+        prepared.gas_rows = rows(PRESSURE_PA);
+        prepared.force_rows = rows(FORCE_N);
+        let Load::Weight(weight) = rig.load else {
+            return Ok(prepared);
+        };
+        let landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
+        prepared.gas_rows.retain(|row| {
+            let mut landings = landings_s.iter();
+            !landings.any(|s| (-0.02..LANDING_S).contains(&(time_s[*row] - s)))
+        });
+        // Surely one way only where all of the neighbourhood goes that way.
+        let surely: Vec<f64> = (0..time_s.len())
+            .map(|row| {
+                let from = time_s.partition_point(|t| *t < time_s[row] - TURN_S);
+                let to = time_s.partition_point(|t| *t <= time_s[row] + TURN_S);
+                let own = prepared.directions[row];
+                let agree = prepared.directions[from..to].iter().all(|d| *d == own);
+                if agree { own } else { 0.0 }
+            })
+            .collect();
+        prepared.directions = surely;
+        prepared.places(rig, &weight);
+        Ok(prepared)
+    }
+
+    /// Rates, directions, and on which side of a play the encoder is.
+    fn motion(&mut self, record: &Record, contraction: &[f64]) {
+        for row in 0..contraction.len() {
+            let time_s = record.time_s()[row];
+            let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
+            let rate_per_s = kernel.first(contraction);
+            let error = self.noise.contraction * norm(&kernel.first);
+            self.rates_per_s[row] = rate_per_s;
+            if rate_per_s.abs() > SPEED_ERRORS * error {
+                self.directions[row] = rate_per_s.signum();
+            }
+        }
+        self.sides = bridged(
+            record.time_s(),
+            &self.directions,
+            record.column(PRESSURE_PA),
+        );
+    }
+
+    /// Where the balance of the load is looked at: away from ends, gaps and the stop.
+    fn places(&mut self, rig: &Rig, weight: &Weight) {
+        let time_s = self.measured.time_s();
+        let (Some(contraction), Some(pressure_pa)) = (
+            self.measured.column(CONTRACTION),
+            self.measured.column(PRESSURE_PA),
+        ) else {
+            return;
+        };
+        let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
+        let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
+        let count = ((last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S) / SPACING_S).max(0.0);
+        for number in 0..count as usize {
+            let at_s = first_s + SKIP_S + number as f64 * SPACING_S;
+            let kernel = Kernel::at(time_s, at_s, KERNEL_S);
+            let rows = kernel.rows.clone();
+            let present = rows
+                .clone()
+                .all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan());
+            // An encoder with an offset or with play reads something else than 0 on the stop.
+            let lifted = rows.clone().all(|r| contraction[r] > lowest + STOP_REACH);
+            if rows.len() < 5 || !present || !lifted {
+                continue;
+            }
+            let middle = rows.start + rows.len() / 2;
+            let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
+            let per_pressure_m2 = rig.muscle.force_per_pressure_m2(at);
+            let stiffness_n = (rig.muscle.force_n(at + 1e-4, pressure)
+                - rig.muscle.force_n(at - 1e-4, pressure))
+                / 2e-4;
+            let length_m = rig.muscle.initial_length_m;
+            let by_contraction: Vec<f64> = (0..rows.len())
+                .map(|i| {
+                    stiffness_n * kernel.value[i]
+                        - weight.mass_kg * length_m * kernel.second[i]
+                        - weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
+                })
+                .collect();
+            let from_pressure_n = per_pressure_m2 * self.noise.pressure_pa * norm(&kernel.value);
+            let from_contraction_n = self.noise.contraction * norm(&by_contraction);
+            // Between samples the pressure is taken to be straight.
+            let bent = |row: usize| {
+                let at = |row: usize| pressure_pa[row.min(pressure_pa.len() - 1)];
+                let second = at(row + 1) - 2.0 * at(row) + at(row.saturating_sub(1));
+                (second.abs() - 3.0 * self.noise.pressure_pa).max(0.0) / 12.0
+            };
+            let weights = kernel.value.iter().zip(rows.clone());
+            let from_sampling_n =
+                per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
+            let noise_n = from_pressure_n
+                .hypot(from_contraction_n)
+                .hypot(from_sampling_n)
+                .hypot(FORCE_FLOOR_N);
+            self.places.push(Place {
+                per_noise: 1.0 / noise_n,
+                kernel,
+            });
+        }
+    }
+}
+
+fn norm(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>().sqrt()
+}
+
+/// A Gaussian and its derivatives as weights of rows: what value, slope and curvature of a signal
+/// smoothed by the Gaussian are. Smoothing a balance of forces with the first leaves its other two
+/// to the contraction.
+struct Kernel {
+    rows: std::ops::Range<usize>,
+    value: Vec<f64>,
+    first: Vec<f64>,
+    second: Vec<f64>,
+}
+
+impl Kernel {
+    fn at(time_s: &[f64], at_s: f64, width_s: f64) -> Kernel {
+        let reach_s = KERNEL_REACH * width_s;
+        let start = time_s.partition_point(|t| *t < at_s - reach_s);
+        let end = time_s.partition_point(|t| *t <= at_s + reach_s);
+        let last = time_s.len() - 1;
+        let base = |row: usize| {
+            let z = (time_s[row] - at_s) / width_s;
+            let span_s = 0.5 * (time_s[(row + 1).min(last)] - time_s[row.saturating_sub(1)]);
+            (z, span_s * (-0.5 * z * z).exp())
+        };
+        let weights = |polynomial: fn(f64) -> f64, moment: i32, of: f64| -> Vec<f64> {
+            let rows = (start..end).map(base);
+            let mut weights: Vec<f64> = rows.clone().map(|(z, g)| polynomial(z) * g).collect();
+            // Exact for constants, whatever the rows' times.
+            if moment > 0 {
+                let excess =
+                    weights.iter().sum::<f64>() / rows.clone().map(|(_, g)| g).sum::<f64>();
+                for (weight, (_, g)) in weights.iter_mut().zip(rows.clone()) {
+                    *weight -= excess * g;
+                }
+            }
+            let found: f64 = weights
+                .iter()
+                .zip(rows)
+                .map(|(w, (z, _))| w * z.powi(moment))
+                .sum();
+            weights.iter().map(|weight| weight * of / found).collect()
+        };
+        Kernel {
+            rows: start..end,
+            value: weights(|_| 1.0, 0, 1.0),
+            first: weights(|z| z, 1, 1.0 / width_s),
+            second: weights(|z| z * z - 1.0, 2, 2.0 / (width_s * width_s)),
+        }
+    }
+
+    /// The row in the middle.
+    fn middle(&self) -> usize {
+        self.rows.start + self.rows.len() / 2
+    }
+
+    fn first(&self, values: &[f64]) -> f64 {
+        dot(&self.first, &values[self.rows.clone()])
+    }
+
+    fn second(&self, values: &[f64]) -> f64 {
+        dot(&self.second, &values[self.rows.clone()])
+    }
+}
+
+fn dot(weights: &[f64], values: &[f64]) -> f64 {
+    weights
+        .iter()
+        .zip(values)
+        .map(|(weight, value)| weight * value)
+        .sum()
+}
+
+impl Model for MuscleModel {
+    fn records(&self) -> usize {
+        self.records.len()
+    }
+
+    fn fitted(&self) -> usize {
+        self.fitted
+    }
+
+    fn blocks(&self) -> &[&'static str] {
+        &self.blocks
+    }
+
+    fn nominal_blocks(&self) -> &[Vec<usize>] {
+        &self.nominal_blocks
+    }
+
+    fn candidates(&self) -> &[Candidate] {
+        &self.candidates
+    }
+
+    /// Where the weight rests, friction takes up what it can.
+    fn proportional(&self, block: usize) -> bool {
+        self.blocks[block] == GAS
+    }
+
+    /// The motion from the measured pressure: where the weight stays after each stop tells
+    /// friction,
+    /// play and slack far better than the balance of forces does, which knows only a tube there.
+    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
+        let rig = self.fitted(nominal, effects);
+        if !matches!(rig.load, Load::Weight(_)) {
+            return Some(0.0);
+        }
+        let record = &self.records[record];
+        let simulated = simulate(&rig, &record.measured, TOLERANCE).ok()?;
+        let (is, was) = (
+            simulated.column(CONTRACTION)?,
+            record.measured.column(CONTRACTION)?,
+        );
+        let pairs = is.iter().zip(was).filter(|(_, was)| !was.is_nan());
+        let mean = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.count() as f64;
+        let scale = MOTION_NOISES * record.noise.contraction;
+        let cost = 0.5 * MOTION_STOPS * (1.0 + mean / (scale * scale)).ln();
+        cost.is_finite().then_some(cost)
+    }
+
+    fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
+        let record = &self.records[record];
+        let rows: Vec<usize> = match self.blocks[block] {
+            GAS => record.gas_rows.clone(),
+            FORCE => record.force_rows.clone(),
+            _ => record
+                .places
+                .iter()
+                .map(|place| place.kernel.middle())
+                .collect(),
+        };
+        let time_s = record.measured.time_s();
+        let pressure_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();
+        let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
+        let of = |name, unit, value: &dyn Fn(usize) -> f64| Coordinate {
+            name,
+            unit,
+            values: rows.iter().map(|row| value(*row)).collect(),
+        };
+        vec![
+            of("direction", "", &|row| record.directions[row]),
+            of("pressure", "Pa", &|row| pressure_pa[row]),
+            of("contraction", "", &|row| contraction[row]),
+            of("rate", "1/s", &|row| record.rates_per_s[row].abs()),
+            of("time", "s", &|row| time_s[row] - time_s[0]),
+        ]
+    }
+
+    fn residuals(
+        &self,
+        record: usize,
+        block: usize,
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Vec<f64>> {
+        let record = &self.records[record];
+        let rig = self.fitted(nominal, effects);
+        match self.blocks[block] {
+            GAS => gas_residuals(record, rig),
+            FORCE => force_residuals(record, rig),
+            _ => self.load_residuals(record, rig),
+        }
+    }
+}
+
+/// Runs `rig` with a prescribed load on the inputs of `record`: what is read, and the true force.
+fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading, f64)>> {
+    let inputs = Inputs::new(rig, record).ok()?;
+    let plant = Plant::new(rig, inputs.simulated).ok()?;
+    let first = |name: &str| {
+        record
+            .column(name)
+            .and_then(|c| c.iter().find(|v| !v.is_nan()))
+    };
+    let initial = Initial {
+        time_s: record.time_s()[0],
+        contraction: inputs.contraction(0)?,
+        contraction_rate_per_s: 0.0,
+        pressure: inputs
+            .pressure(0)
+            .or(first(PRESSURE_PA).map(|p| GaugePa(*p)))?,
+        temperature_k: plant.ambient_temperature_k,
+    };
+    let rows = record.time_s().len();
+    let mut out = Vec::with_capacity(rows);
+    let start_s = record.time_s()[0];
+    let visit = |row: usize, simulation: &crate::plant::simulation::Simulation| {
+        out.push((simulation.read(), simulation.force_n()));
+        let spent_s = record.time_s()[row] - start_s;
+        let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
+        if simulation.work().steps as f64 > most {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    };
+    inputs.run(plant, &initial, TOLERANCE, rows, visit).ok()?;
+    (out.len() == rows).then_some(out)
+}
+
+fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+    rig.load = Load::Prescribed;
+    let inputs = record.gas.as_ref()?;
+    let measured = inputs.column(PRESSURE_PA)?;
+    let read = run(&rig, inputs)?;
+    let residual =
+        |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
+    Some(record.gas_rows.iter().map(residual).collect())
+}
+
+fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+    rig.load = Load::Prescribed;
+    let measured = record.measured.column(FORCE_N)?;
+    let contraction = record.measured.column(CONTRACTION)?;
+    let forces_n = record.forces_n(&rig)?;
+    let residual = |row: &usize| {
+        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
+        let noise_n = (per_pressure_m2 * record.noise.pressure_pa)
+            .hypot(record.noise.force_n)
+            .hypot(FORCE_FLOOR_N);
+        let (least_n, most_n) = forces_n[*row];
+        (measured[*row].clamp(least_n, most_n) - measured[*row]) / noise_n
+    };
+    Some(record.force_rows.iter().map(residual).collect())
+}
+
+impl MuscleModel {
+    /// How far the balance of forces on the weight lies outside what friction can take up.
+    fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
+        let Load::Weight(weight) = rig.load else {
+            return None;
+        };
+        let mut load = LoadBlock {
+            weight,
+            initial_length_m: rig.muscle.initial_length_m,
+            terms: Terms::default(),
+        };
+        for effect in rig
+            .effects
+            .iter()
+            .filter(|effect| effect.kind.block == "load")
+        {
+            if let Term::Load(term) = (effect.form.build)(&effect.values) {
+                load.terms.push(term, 0);
+            }
+        }
+        let played = record.unplayed(play(&rig), &record.measured, None);
+        let forces_n: Vec<(f64, f64)> = if self.blocks.contains(&FORCE) {
+            let measured_n = record.measured.column(FORCE_N)?.iter();
+            measured_n.map(|force_n| (*force_n, *force_n)).collect()
+        } else {
+            rig.load = Load::Prescribed;
+            record.forces_n(&rig)?
+        };
+        let contraction = played.column(CONTRACTION)?;
+        let time_s = record.measured.time_s();
+        // States of terms are at rest here: forms that have some are judged without them.
+        let rest = [0.0; 8];
+        let rows: Vec<[f64; 3]> = (0..time_s.len())
+            .map(|row| {
+                let direction = record.directions[row];
+                let at = LoadPoint {
+                    time_s: time_s[row],
+                    contraction: contraction[row],
+                    contraction_rate_per_s: record.rates_per_s[row],
+                    direction,
+                    initial_length_m: load.initial_length_m,
+                };
+                let (weight, lifting_n) = load.constants(&at, &rest);
+                let (middle_n, reach_n) = if direction == 0.0 {
+                    (0.0, weight.static_friction_n)
+                } else {
+                    (direction * weight.coulomb_friction_n, 0.0)
+                };
+                let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+                let (least_n, most_n) = forces_n[row];
+                [
+                    0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                    reach_n + 0.5 * (most_n - least_n),
+                    weight.mass_kg,
+                ]
+            })
+            .collect();
+        let residuals = record.places.iter().map(|place| {
+            let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+            let kernel = &place.kernel;
+            for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
+                balance_n += weight * row[0];
+                reach_n += weight * row[1];
+                mass_kg += weight * row[2];
+            }
+            balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
+                + load.weight.viscous_damping_ns_per_m
+                    * load.initial_length_m
+                    * kernel.first(contraction);
+            let outside_n = balance_n - balance_n.clamp(-reach_n.abs(), reach_n.abs());
+            outside_n * place.per_noise
+        });
+        Some(residuals.collect())
+    }
+}
