@@ -8,6 +8,7 @@
 //! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
 
 use crate::assist::reference_force_n;
+use crate::compensation::{Memory, limited};
 use crate::frame::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
@@ -66,6 +67,8 @@ pub struct State {
     pub pressure: Watch,
     /// The encoder \[m\] from home.
     pub encoder: Watch,
+    /// The compensation's.
+    pub compensation: Memory,
 }
 
 /// The controller: settings and state.
@@ -140,7 +143,12 @@ fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
         state.bridge.value() - state.tare_n,
         values.finger_force_n_max,
     );
-    let reference_force_n = reference_force_n(values.gain, finger_force_n);
+    let known = &values.compensation;
+    state
+        .compensation
+        .follow(known, &values.muscle, contraction);
+    let reference_force_n = reference_force_n(values.gain, finger_force_n)
+        + state.compensation.load_n(known, &values.muscle);
     state.pressure_ref_pa = next_reference_pa(settings, state, reference_force_n, contraction);
     state.empty_ticks = if state.pressure_ref_pa > 0.0 {
         0
@@ -354,6 +362,10 @@ fn next_reference_pa(
     contraction: f32,
 ) -> f32 {
     let values = settings.values();
+    let pressure = GaugePa(state.pressure.value());
+    if state.mode != Mode::Assisting {
+        state.compensation.pause();
+    }
     let now_pa = state.pressure_ref_pa;
     let next_pa = match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
@@ -375,16 +387,23 @@ fn next_reference_pa(
                 )
         }
         Mode::Assisting => {
+            let known = &values.compensation;
+            let hysteresis_n = state.compensation.hysteresis_n(known, pressure);
             let law = reference_pressure(
                 &values.muscle,
-                reference_force_n,
+                reference_force_n + hysteresis_n,
                 contraction,
                 values.contraction_max,
                 settings.pressure_max(),
             );
             // Past the limit of travel the pressure may only fall.
             let too_short = contraction > values.contraction_max;
-            let target_pa = if too_short { law.0.min(now_pa) } else { law.0 };
+            let asked_pa = state.compensation.pressure_pa(known, law.0, pressure);
+            let target_pa = if too_short {
+                asked_pa.min(now_pa)
+            } else {
+                asked_pa
+            };
             let rate_pa_per_s = if state.engaged {
                 values.pressure_rate_pa_per_s_max
             } else {
@@ -397,15 +416,6 @@ fn next_reference_pa(
         }
     };
     limited_pa(values, next_pa)
-}
-
-/// `value` limited to ±`magnitude`; zero for NaN.
-fn limited(value: f32, magnitude: f32) -> f32 {
-    if value.is_nan() {
-        0.0
-    } else {
-        value.max(-magnitude).min(magnitude)
-    }
 }
 
 /// A reference within its limits; zero for NaN.

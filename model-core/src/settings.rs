@@ -1,5 +1,6 @@
 //! The controller's settings: one struct that is valid once it exists.
 
+use crate::compensation::Compensation;
 use crate::error::SettingsError;
 use crate::limits::LIMITS;
 use crate::muscle::Muscle;
@@ -88,6 +89,8 @@ pub struct SettingsValues {
     pub self_check_ticks: u16,
     /// The self-check gives up after so many ticks.
     pub self_check_ticks_max: u16,
+    /// Of what the rig does beside the paper's equations.
+    pub compensation: Compensation,
 }
 
 impl SettingsValues {
@@ -145,6 +148,7 @@ impl SettingsValues {
             missed_ticks_max: 2,
             self_check_ticks: 50,
             self_check_ticks_max: 500,
+            compensation: Compensation::OFF,
         }
     }
 
