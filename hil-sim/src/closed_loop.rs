@@ -11,7 +11,7 @@ use crate::plant::{Drive, Plant, Simulated};
 use crate::player::Player;
 use crate::record::Record;
 use crate::recorder::{self, Row};
-use crate::rig::Rig;
+use crate::rig::{Load, Rig};
 use model_core::assist::Assist;
 use model_core::error::SettingsError;
 use model_core::frame::{Output, Request, Sensors};
@@ -205,16 +205,16 @@ pub struct Tick {
 }
 
 /// The lever and the hand on it.
-struct Hand {
-    assist: Assist<f64>,
-    initial_length_m: f64,
-    arm_stiffness_n_per_m: f64,
+pub(crate) struct Hand {
+    pub(crate) assist: Assist<f64>,
+    pub(crate) initial_length_m: f64,
+    pub(crate) arm_stiffness_n_per_m: f64,
 }
 
 impl Hand {
     /// Finger displacement \[m\]: the lever's spring (Eq 6) and the arm's share the way between
     /// the intended place and the main lever.
-    fn finger_m(&self, intended_m: f64, contraction: f64) -> f64 {
+    pub(crate) fn finger_m(&self, intended_m: f64, contraction: f64) -> f64 {
         if self.arm_stiffness_n_per_m.is_infinite() {
             return intended_m;
         }
@@ -226,7 +226,7 @@ impl Hand {
         (arm * intended_m + lever * lever_m) / (arm + lever)
     }
 
-    fn force_n(&self, finger_m: f64, contraction: f64) -> f64 {
+    pub(crate) fn force_n(&self, finger_m: f64, contraction: f64) -> f64 {
         self.assist
             .finger_force_n(finger_m, contraction, self.initial_length_m)
     }
@@ -277,6 +277,9 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
         initial_length_m: muscle.initial_length_m as f32,
     };
     values.gain = assist.gain as f32;
+    if let Load::Weight(weight) = &rig.load {
+        values.load_kg = weight.mass_kg as f32;
+    }
     let supply_pa = valve.supply_pressure.0 as f32;
     values.supply_pressure_pa = supply_pa;
     values.pressure_pa_max = values.pressure_pa_max.min(supply_pa);
@@ -291,6 +294,7 @@ pub fn settings_with(rig: &Rig, board: &SettingsValues) -> Result<Settings, BadI
             "gain" => "assist.gain",
             "supply_pressure_pa" | "pressure_pa_max" => "valve.supply_pressure_pa",
             "contraction_max" => "muscle.beta_m2",
+            "load_kg" | "force_error_n_max" => "load.mass_kg",
             name if name.starts_with("muscle.") => name,
             _ => "assist",
         };

@@ -125,6 +125,7 @@ impl Sizes {
     fn settings(&self, plain: &Settings) -> Result<Settings, BadInput> {
         let mut values = *plain.values();
         let value = |index: usize| self.0[index] as f32;
+        values.load_kg += value(PAYLOAD);
         let load_n = value(FRICTION) + value(PAYLOAD).abs() * GRAVITY_M_PER_S2 as f32;
         let hysteresis_n = value(HYSTERESIS_AREA) * values.pressure_pa_max;
         let shaped = value(LEAD) > 0.0 || value(FILLING) > 0.0 || value(EXHAUSTING) > 0.0;

@@ -67,8 +67,10 @@ pub struct Limits {
     pub low_pa: f64,
     /// See `low_pa`.
     pub high_pa: f64,
-    /// Fastest change of the reference, at least 100 \[Pa/s\].
-    pub rate_pa_per_s: f64,
+    /// Fastest change of the reference, at least 100 \[Pa/s\]; what the reference settings of the
+    /// board allow if there is none.
+    pub rate_pa_per_s_max: Option<f64>,
+    muscle: Muscle<f64>,
     /// What carries the weight, unless the load is prescribed.
     swing: Option<Swing>,
 }
@@ -96,7 +98,7 @@ impl Swing {
 
 impl Limits {
     /// The limits of `rig`: its supply pressure, the contraction the muscle can reach, at most
-    /// `contraction_max`, and the fastest change the reference settings of the board allow.
+    /// `contraction_max`, and the fastest change that the board allows.
     ///
     /// # Errors
     /// The rig has no valve, or its supply does not lift its weight.
@@ -105,7 +107,8 @@ impl Limits {
         let mut limits = Limits {
             low_pa: 0.0,
             high_pa: (SUPPLY_SHARE * rig.require_valve()?.supply_pressure.0).floor(),
-            rate_pa_per_s: f64::from(SettingsValues::reference().pressure_rate_pa_per_s_max),
+            rate_pa_per_s_max: None,
+            muscle,
             swing: None,
         };
         let Load::Weight(Weight {
@@ -135,6 +138,23 @@ impl Limits {
             return Err(rig.bad("valve.supply_pressure_pa", &expected));
         }
         Ok(limits)
+    }
+
+    /// Fastest change of the reference where it is `pressure_pa` \[Pa/s\].
+    pub fn rate_pa_per_s(&self, pressure_pa: f64) -> f64 {
+        self.rate_pa_per_s_max.unwrap_or_else(|| {
+            let speed_m_per_s = SettingsValues::reference().reference_speed_m_per_s_max;
+            // The board allows no less than on a muscle at its full length.
+            let speed_m_per_s = f64::from(speed_m_per_s);
+            let pressure = GaugePa(pressure_pa);
+            self.muscle
+                .moving_rate_pa_per_s(speed_m_per_s, 0.0, pressure)
+        })
+    }
+
+    /// The same a row, in whole pascals.
+    fn row_pa(&self, pressure_pa: f64) -> f64 {
+        (self.rate_pa_per_s(pressure_pa) / RATE_HZ).floor()
     }
 
     /// Pressures that one step from `from_pa` may go to. A weight that swings without damping goes
@@ -226,11 +246,11 @@ impl Pen {
     /// A shape of `duration_s` over the time since it began, within pressure and rate limits, in
     /// whole pascals.
     fn draw(&mut self, duration_s: f64, shape: impl Fn(f64) -> f64) {
-        let most_pa = (self.limits.rate_pa_per_s / RATE_HZ).floor();
         for row in 1..=(duration_s * RATE_HZ).round() as usize {
             let wanted_pa = shape(row as f64 / RATE_HZ).round();
             let wanted_pa = wanted_pa.clamp(0.0, self.limits.high_pa);
             let last_pa = self.last_pa();
+            let most_pa = self.limits.row_pa(last_pa);
             let change_pa = (wanted_pa - last_pa).clamp(-most_pa, most_pa);
             self.reference_pa.push(last_pa + change_pa);
             self.open.push(self.is_open);
@@ -245,7 +265,8 @@ impl Pen {
     /// A ramp, slower where the limit of the rate asks for it.
     fn go(&mut self, to_pa: f64, duration_s: f64) {
         let from_pa = self.last_pa();
-        let most_pa = (self.limits.rate_pa_per_s / RATE_HZ).floor();
+        // It is slowest at the lower end.
+        let most_pa = self.limits.row_pa(from_pa.min(to_pa));
         let rows = (duration_s * RATE_HZ)
             .max((to_pa - from_pa).abs() / most_pa)
             .ceil();

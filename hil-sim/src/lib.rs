@@ -10,6 +10,7 @@ pub mod effects;
 pub mod emulated;
 pub mod error;
 pub mod experiment;
+pub mod faults;
 pub mod gap;
 pub mod hil;
 pub mod import;

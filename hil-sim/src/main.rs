@@ -1,6 +1,7 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: it ran. 2: bad input, or a place that cannot be written, in one line that says
+//! Exit status 0: it ran. 1: a case of the fault campaign is out of its bounds, or a board no longer
+//! answers. 2: bad input, or a place that cannot be written, in one line that says
 //! where.
 
 mod cmd;
@@ -41,6 +42,8 @@ enum Command {
     Record(cmd::record::Args),
     /// Run a record's inputs through the controller again, and compare
     Replay(cmd::replay::Args),
+    /// One fault at a time in the closed loop, and what becomes of the weight
+    Faults(cmd::faults::Args),
     /// The paper's figures and numbers, ours beside what it says
     Paper(cmd::paper::Args),
     /// The flow gain a valve must have, and how stiff the input may be
@@ -102,6 +105,10 @@ fn main() -> ExitCode {
         Some(Command::Hil(args)) => cmd::hil::run(&args),
         Some(Command::Record(args)) => cmd::record::run(&args),
         Some(Command::Replay(args)) => cmd::replay::run(&args),
+        Some(Command::Faults(args)) => match cmd::faults::run(&args) {
+            Ok(false) => return ExitCode::FAILURE,
+            ran => ran.map(drop),
+        },
         Some(Command::Paper(args)) => cmd::paper::run(&args),
         Some(Command::Design(args)) => cmd::design::run(&args),
         Some(Command::Check(args)) => cmd::check::run(&args),

@@ -159,8 +159,8 @@ impl Memory {
         law_pa + limited(lead_pa + beyond_pa, values.pressure_pa_max)
     }
 
-    /// Eq 8 is not followed in this tick.
-    pub(crate) fn pause(&mut self) {
+    /// Eq 8 is followed from here on.
+    pub(crate) fn begin(&mut self) {
         self.law_pa = None;
         self.rate_pa_per_s = 0.0;
     }

@@ -9,25 +9,27 @@
 
 use crate::assist::reference_force_n;
 use crate::compensation::{Memory, limited};
+use crate::consistency::{ForceBalance, PressureFollower};
 use crate::frame::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
-use crate::settings::{Settings, SettingsValues, TICK_S};
+use crate::safety::{SafetyFunction, Switches};
+use crate::settings::{STOP_CONTRACTION, Settings, SettingsValues, TICK_S};
 use crate::signal::{ADC_VALID, AdcCount, EncoderCount};
 use crate::supervisor::{Decision, Fault, Findings, Mode, decide};
+use crate::voted::Voted;
+use serde::{Deserialize, Serialize};
 
 /// A gauge pressure below this is none: muscle and valve draw no vacuum.
 const PRESSURE_PA_MIN: f32 = -2e4;
-/// The weight on its stop is within this of ε = 0.
-const STOP_CONTRACTION: f32 = 0.02;
 /// Counts that an encoder at rest may flicker by.
 const FLICKER_COUNTS: u32 = 2;
 /// Ticks after which a vented valve has emptied a muscle whose pressure sensor has failed.
 const EMPTIED_TICKS: u16 = 500;
 
 /// What a controller remembers from tick to tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The mode, and for how many ticks (it saturates).
     pub mode: Mode,
@@ -67,23 +69,29 @@ pub struct State {
     pub pressure: Watch,
     /// The encoder \[m\] from home.
     pub encoder: Watch,
+    /// Does the pressure follow?
+    pub follower: PressureFollower,
+    /// Do the forces fit?
+    pub balance: ForceBalance,
     /// The compensation's.
     pub compensation: Memory,
 }
 
-/// The controller: settings and state.
+/// The controller: settings and state, each safe from a flipped bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Controller {
-    settings: Settings,
-    state: State,
+    settings: Voted<Settings>,
+    state: Voted<State>,
+    switches: Switches,
 }
 
 impl Controller {
     /// A controller that begins with its self-check.
     pub fn new(settings: Settings) -> Controller {
         Controller {
-            settings,
-            state: State::default(),
+            settings: Voted::new(settings),
+            state: Voted::new(State::default()),
+            switches: Switches::default(),
         }
     }
 
@@ -93,32 +101,87 @@ impl Controller {
     /// a pressure between zero and the settings' limit. A tick that is missed is to be reported
     /// with the next one.
     pub fn tick(&mut self, sensors: &Sensors) -> Output {
-        tick(&self.settings, &mut self.state, sensors)
+        let voted = self.switches.on(SafetyFunction::MemoryVote);
+        let intact = self.settings.is_intact() && self.state.is_intact();
+        let known = self.settings.is_known() && self.state.is_known();
+        let settings = *self.settings.get_as(self.switches);
+        let mut state = *self.state.get_as(self.switches);
+        if voted && !known {
+            // More than one copy is damaged: nothing is known but how to switch off.
+            state = State {
+                mode: Mode::Venting,
+                ..State::default()
+            };
+        }
+        let (damaged, switches) = (voted && !intact, self.switches);
+        let output = tick(&settings, &mut state, sensors, damaged, switches);
+        self.settings.set(settings);
+        self.state.set(state);
+        output
+    }
+
+    /// Begins with the self-check again.
+    pub fn restart(&mut self) {
+        self.settings.set(*self.settings.get());
+        self.state.set(State::default());
     }
 
     /// What it remembers.
     pub fn state(&self) -> &State {
-        &self.state
+        self.state.get()
     }
 
     /// Its settings.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        self.settings.get()
+    }
+}
+
+#[cfg(feature = "fault-injection")]
+#[allow(clippy::indexing_slicing)]
+impl Controller {
+    /// A controller that lacks a safety function, to show that it is needed.
+    pub fn without(settings: Settings, function: SafetyFunction) -> Controller {
+        Controller {
+            switches: Switches::without(function),
+            ..Controller::new(settings)
+        }
+    }
+
+    /// One of the three copies of the state, to damage it.
+    pub fn state_copy(&mut self, copy: usize) -> &mut State {
+        &mut self.state.copies()[copy]
+    }
+
+    /// One of the three copies of the settings, to damage it.
+    pub fn settings_copy(&mut self, copy: usize) -> &mut Settings {
+        &mut self.settings.copies()[copy]
     }
 }
 
 /// See [`Controller::tick`].
-fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
+fn tick(
+    settings: &Settings,
+    state: &mut State,
+    sensors: &Sensors,
+    memory_damaged: bool,
+    switches: Switches,
+) -> Output {
     let values = settings.values();
 
     // Analyse: what the sensors say, and whether to believe them.
-    let (mut next, verdicts) = sense(values, state, sensors);
+    let (mut next, verdicts) = sense(values, state, sensors, switches);
     listen(&mut next, &verdicts, sensors.request);
     let unready = match state.mode {
         Mode::SelfCheck => watch_window(values, &mut next, &verdicts, sensors),
         _ => watch_rest(values, &mut next),
     };
-    let findings = findings(values, &next, &verdicts, unready, sensors);
+    watch_consistency(values, &mut next, sensors);
+    let findings = Findings {
+        memory_damaged,
+        switches,
+        ..findings(values, &next, &verdicts, unready, sensors)
+    };
     let contraction = findings.contraction;
 
     // Decide: the analysis is complete, nothing above this line has had an effect.
@@ -143,13 +206,17 @@ fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
         state.bridge.value() - state.tare_n,
         values.finger_force_n_max,
     );
-    let known = &values.compensation;
-    state
-        .compensation
-        .follow(known, &values.muscle, contraction);
+    let compensation = &values.compensation;
+    let memory = &mut state.compensation;
+    memory.follow(compensation, &values.muscle, contraction);
     let reference_force_n = reference_force_n(values.gain, finger_force_n)
-        + state.compensation.load_n(known, &values.muscle);
-    state.pressure_ref_pa = next_reference_pa(settings, state, reference_force_n, contraction);
+        + memory.load_n(compensation, &values.muscle);
+    let pressure = GaugePa(state.pressure.value());
+    let target = Target {
+        force_n: reference_force_n + memory.hysteresis_n(compensation, pressure),
+        contraction,
+    };
+    state.pressure_ref_pa = next_reference_pa(settings, state, &target, switches);
     state.empty_ticks = if state.pressure_ref_pa > 0.0 {
         0
     } else {
@@ -172,7 +239,12 @@ fn tick(settings: &Settings, state: &mut State, sensors: &Sensors) -> Output {
 type Verdicts = [Verdict; 3];
 
 /// The state with the sensors' new readings, and what is thought of them.
-fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, Verdicts) {
+fn sense(
+    values: &SettingsValues,
+    state: &State,
+    sensors: &Sensors,
+    switches: Switches,
+) -> (State, Verdicts) {
     let mut next = *state;
     // Missed ticks widen what is plausible, never what is done.
     let ticks = 1.0 + sensors.missed_ticks as f32;
@@ -183,6 +255,7 @@ fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, V
         stuck_ticks: values.stuck_ticks,
         suspect_ticks: values.suspect_ticks,
         ticks,
+        switches,
     };
     let (count, bridge_n) = (sensors.bridge, values.bridge.value(sensors.bridge));
     let bridge_bounds = bounds(count, values.bridge_step_n_max);
@@ -202,16 +275,16 @@ fn sense(values: &SettingsValues, state: &State, sensors: &Sensors) -> (State, V
     let travel = sensors.encoder.since(state.home);
     let travel_m = travel as f32 * values.encoder_m_per_count;
     let moved = sensors.encoder.since(state.moved_to).unsigned_abs() > FLICKER_COUNTS;
-    let at_stop = travel.unsigned_abs() <= FLICKER_COUNTS;
     let encoder_bounds = Bounds {
         // Home is not known before the self-check has found it.
         out_of_range: state.mode != Mode::SelfCheck
             && travel_m < -STOP_CONTRACTION * values.muscle.initial_length_m,
-        at_standstill: !moved && stands_still(values, state, pressure.value(), at_stop),
+        at_standstill: !moved && stands_still(values, state, pressure.value(), travel),
         step_max: values.encoder_step_m_max,
         stuck_ticks: 0,
         suspect_ticks: values.suspect_ticks,
         ticks,
+        switches,
     };
     let (encoder, encoder_verdict) =
         state
@@ -240,10 +313,11 @@ fn listen(next: &mut State, verdicts: &Verdicts, request: Request) {
 }
 
 /// True where the pressure has changed by more than static friction can hold since the encoder
-/// moved. On its stop the weight rests until it is lifted.
-fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, at_stop: bool) -> bool {
-    if at_stop {
-        return pressure_pa > values.lift_pressure_pa_max + values.encoder_stuck_pa;
+/// moved. On its stop the weight rests until it is lifted, which the force balance tells.
+fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel: i32) -> bool {
+    // A pressure that is astray says nothing about the encoder.
+    if travel.unsigned_abs() <= FLICKER_COUNTS || !state.follower.is_calm() {
+        return false;
     }
     let change_pa = pressure_pa - state.moved_at_pa;
     change_pa > values.encoder_stuck_pa || change_pa < -values.encoder_stuck_pa
@@ -291,6 +365,19 @@ fn watch_rest(values: &SettingsValues, next: &mut State) -> Option<Fault> {
     astir.then_some(Fault::Uncommanded)
 }
 
+/// Compares what the sensors say with each other and with what was asked for.
+fn watch_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensors) {
+    let (pressure_pa, missed) = (next.pressure.value(), sensors.missed_ticks > 0);
+    if next.mode == Mode::SelfCheck {
+        (next.follower, next.balance) = Default::default();
+        return;
+    }
+    let reference_pa = next.pressure_ref_pa;
+    next.follower = next.follower.next(values, reference_pa, pressure_pa);
+    let contraction = contraction(values, next);
+    next.balance = next.balance.next(values, contraction, pressure_pa, missed);
+}
+
 fn findings(
     values: &SettingsValues,
     next: &State,
@@ -321,6 +408,11 @@ fn findings(
         silent_ticks: next.silent_ticks,
         bridging: next.bridging,
         latched: next.fault.is_some(),
+        pressure_astray: next.follower.has_failed(values),
+        force_astray: next.balance.has_failed(values),
+        too_fast: next.balance.is_too_fast(),
+        memory_damaged: false,
+        switches: Switches::default(),
     }
 }
 
@@ -337,79 +429,86 @@ fn enter(values: &SettingsValues, state: &mut State, mode: Mode) {
         }
         // After a hold that was asked for the law may be far away; after a bridged reading not.
         (Mode::Holding, Mode::Assisting) => state.engaged = state.engaged && state.bridging,
-        // A reference far above the pressure must not go on filling on its way down.
-        (_, Mode::Venting) => {
-            let believed = !matches!(state.fault, Some(Fault::Pressure(_)));
-            if believed && state.pressure.value() < state.pressure_ref_pa {
-                state.pressure_ref_pa = state.pressure.value();
-            }
-        }
         // Everything anew, as after power-on.
         (_, Mode::SelfCheck) => *state = State::default(),
         _ => {}
     }
     state.bridging = false;
+    state.compensation.begin();
     state.mode = mode;
     state.mode_ticks = 0;
     state.pressure_ref_pa = limited_pa(values, state.pressure_ref_pa);
+}
+
+/// What the assist law is to reach.
+struct Target {
+    /// F_c \[N\].
+    force_n: f32,
+    contraction: f32,
 }
 
 /// P_r \[Pa\] for the state's mode: Eq 8 while assisting, limited in value and rate.
 fn next_reference_pa(
     settings: &Settings,
     state: &mut State,
-    reference_force_n: f32,
-    contraction: f32,
+    target: &Target,
+    switches: Switches,
 ) -> f32 {
     let values = settings.values();
-    let pressure = GaugePa(state.pressure.value());
-    if state.mode != Mode::Assisting {
-        state.compensation.pause();
-    }
     let now_pa = state.pressure_ref_pa;
+    let moving_pa_per_s = if switches.on(SafetyFunction::ReferenceSpeed) {
+        let contraction = target.contraction.max(0.0).min(values.contraction_max);
+        values.muscle.moving_rate_pa_per_s(
+            values.reference_speed_m_per_s_max,
+            contraction,
+            GaugePa(now_pa),
+        )
+    } else {
+        f32::MAX
+    };
+    // Past the limit of travel the pressure may only fall.
+    let too_short = target.contraction > values.contraction_max;
+    let way_pa = |target_pa: f32| {
+        if too_short && switches.on(SafetyFunction::WeightWatch) {
+            target_pa.min(now_pa) - now_pa
+        } else {
+            target_pa - now_pa
+        }
+    };
     let next_pa = match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
-        Mode::Venting => now_pa - values.vent_rate_pa_per_s * TICK_S,
+        Mode::Venting if !switches.on(SafetyFunction::VentRamp) => 0.0,
+        Mode::Venting => {
+            // What the muscle does not yet have needs no letting down, whatever one sensor says.
+            let reached_pa = state.pressure.value().max(state.follower.slow_pa());
+            let rate_pa_per_s = if now_pa > reached_pa {
+                moving_pa_per_s
+            } else {
+                moving_pa_per_s.min(values.vent_rate_pa_per_s)
+            };
+            now_pa - rate_pa_per_s * TICK_S
+        }
         Mode::Playing => {
             let asked_pa = state.played_pa.min(values.play_pressure_pa_max);
-            // Past the limit of travel the pressure may only fall.
-            let too_short = contraction > values.contraction_max;
-            let target_pa = if too_short {
-                asked_pa.min(now_pa)
-            } else {
-                asked_pa
-            };
-            now_pa
-                + limited(
-                    target_pa - now_pa,
-                    values.pressure_rate_pa_per_s_max * TICK_S,
-                )
+            now_pa + limited(way_pa(asked_pa), moving_pa_per_s * TICK_S)
         }
         Mode::Assisting => {
-            let known = &values.compensation;
-            let hysteresis_n = state.compensation.hysteresis_n(known, pressure);
             let law = reference_pressure(
                 &values.muscle,
-                reference_force_n + hysteresis_n,
-                contraction,
+                target.force_n,
+                target.contraction,
                 values.contraction_max,
                 settings.pressure_max(),
             );
-            // Past the limit of travel the pressure may only fall.
-            let too_short = contraction > values.contraction_max;
-            let asked_pa = state.compensation.pressure_pa(known, law.0, pressure);
-            let target_pa = if too_short {
-                asked_pa.min(now_pa)
-            } else {
-                asked_pa
-            };
             let rate_pa_per_s = if state.engaged {
-                values.pressure_rate_pa_per_s_max
+                moving_pa_per_s
             } else {
-                values.engage_rate_pa_per_s
+                moving_pa_per_s.min(values.engage_rate_pa_per_s)
             };
-            let way_pa = target_pa - now_pa;
+            let pressure = GaugePa(state.pressure.value());
+            let memory = &mut state.compensation;
+            let way_pa = way_pa(memory.pressure_pa(&values.compensation, law.0, pressure));
             let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == way_pa;
             now_pa + step_pa
@@ -424,5 +523,31 @@ fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
         0.0
     } else {
         pressure_pa.max(0.0).min(values.pressure_pa_max)
+    }
+}
+
+#[cfg(feature = "fault-injection")]
+#[allow(clippy::indexing_slicing)]
+impl State {
+    /// Flips a bit of one of its values; `bit` is reduced to those that are there.
+    pub fn flip(&mut self, bit: usize) {
+        let float =
+            |value: &mut f32, bit: usize| *value = f32::from_bits(value.to_bits() ^ 1 << bit);
+        let (value, bit) = (bit / 32 % 12, bit % 32);
+        match value {
+            0 => float(&mut self.pressure_ref_pa, bit),
+            1 => float(&mut self.tare_n, bit),
+            2 => self.home.0 ^= 1 << bit,
+            3 => self.mode = [Mode::SelfCheck, Mode::Ready, Mode::Holding, Mode::Venting][bit % 4],
+            4 => self.engaged = !self.engaged,
+            5 => self.mode_ticks ^= 1 << (bit % 16),
+            6 => self.fault = self.fault.xor(Some(Fault::OverPressure)),
+            7 => self.moved_to.0 ^= 1 << bit,
+            8 => float(&mut self.moved_at_pa, bit),
+            // Not the sign of zero, which changes nothing.
+            9 => float(&mut self.played_pa, bit % 31),
+            10 => self.silent_ticks ^= 1 << (bit % 8),
+            _ => self.empty_ticks ^= 1 << (bit % 16),
+        }
     }
 }

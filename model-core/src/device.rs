@@ -9,6 +9,7 @@ use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
 use crate::supervisor::Mode;
 use crate::timing::Timing;
+use crate::voted::Voted;
 use serde::{Deserialize, Serialize};
 
 /// Hardware in the loop ends after so many ticks without a message: half a second.
@@ -67,7 +68,8 @@ pub struct Tick {
 #[derive(Clone, Debug)]
 pub struct Device {
     controller: Controller,
-    hil: Option<Hil>,
+    /// A flipped bit must not put the valve to its safe voltage, which drops the weight.
+    hil: Voted<Option<Hil>>,
     button: Button,
     tick: u32,
     /// The last tick's.
@@ -79,11 +81,28 @@ impl Device {
     pub fn new(settings: Settings) -> Device {
         Device {
             controller: Controller::new(settings),
-            hil: None,
+            hil: Voted::new(None),
             button: Button::default(),
             tick: 0,
             output: Output::default(),
         }
+    }
+
+    /// The controller, to damage it, or one that lacks a safety function in its place.
+    #[cfg(feature = "fault-injection")]
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
+    }
+
+    /// The three copies of whether hardware in the loop is on, flipped in one.
+    #[cfg(feature = "fault-injection")]
+    #[allow(clippy::indexing_slicing)]
+    pub fn flip_hil(&mut self, copy: usize) {
+        let hil = &mut self.hil.copies()[copy];
+        *hil = match hil {
+            None => Some(Hil::default()),
+            Some(_) => None,
+        };
     }
 
     /// One tick. Takes from `commands` what belongs to it: with hardware in the loop, that ends
@@ -96,23 +115,24 @@ impl Device {
     ) -> Tick {
         self.tick = self.tick.wrapping_add(1);
         let mut request = self.button.request(pins.button_pressed, self.output.mode);
+        let mut hil = *self.hil.get();
         let mut simulated = None;
         for command in commands {
             match command {
                 // Nothing that comes later overrules venting.
                 Command::Request(_) if request == Request::Vent => {}
                 Command::Request(asked) => request = asked,
-                Command::EnterHil => self.enter_hil(),
-                Command::LeaveHil => self.leave_hil(),
+                Command::EnterHil => self.enter_hil(&mut hil),
+                Command::LeaveHil => self.leave_hil(&mut hil),
                 Command::Sensors(message) => {
-                    simulated = self.hil.as_mut().and_then(|hil| hil.accept(message));
+                    simulated = hil.as_mut().and_then(|hil| hil.accept(message));
                     if simulated.is_some() {
                         break;
                     }
                 }
             }
         }
-        let (source, sensors) = match (&mut self.hil, simulated) {
+        let (source, sensors) = match (hil, simulated) {
             (Some(_), Some(message)) => (Source::Link(message.sequence), message.sensors),
             (Some(_), None) => (Source::Silence, Sensors::default()),
             (None, _) => (Source::Pins, from_pins(pins, timing, request)),
@@ -127,7 +147,8 @@ impl Device {
             output: self.output,
             timing,
         };
-        self.count_silence(source);
+        self.count_silence(&mut hil, source);
+        self.hil.set(hil);
         Tick {
             valve: if source == Source::Pins {
                 self.output.valve
@@ -146,33 +167,33 @@ impl Device {
         moves || state.pressure_ref_pa > 0.0
     }
 
-    fn enter_hil(&mut self) {
-        if self.hil.is_none() && !self.is_armed() {
-            self.hil = Some(Hil::default());
+    fn enter_hil(&mut self, hil: &mut Option<Hil>) {
+        if hil.is_none() && !self.is_armed() {
+            *hil = Some(Hil::default());
             self.restart();
         }
     }
 
-    fn leave_hil(&mut self) {
-        if self.hil.take().is_some() {
+    fn leave_hil(&mut self, hil: &mut Option<Hil>) {
+        if hil.take().is_some() {
             self.restart();
         }
     }
 
     /// The controller's past was another world's.
     fn restart(&mut self) {
-        self.controller = Controller::new(*self.controller.settings());
+        self.controller.restart();
         self.output = Output::default();
     }
 
-    fn count_silence(&mut self, source: Source) {
-        if let Some(hil) = &mut self.hil {
-            hil.silent_ticks = match source {
-                Source::Silence => hil.silent_ticks.saturating_add(1),
+    fn count_silence(&mut self, hil: &mut Option<Hil>, source: Source) {
+        if let Some(on) = hil {
+            on.silent_ticks = match source {
+                Source::Silence => on.silent_ticks.saturating_add(1),
                 _ => 0,
             };
-            if hil.silent_ticks >= HIL_SILENCE_TICKS {
-                self.leave_hil();
+            if on.silent_ticks >= HIL_SILENCE_TICKS {
+                self.leave_hil(hil);
             }
         }
     }
@@ -189,7 +210,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
 }
 
 /// Hardware in the loop.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,
@@ -364,7 +385,8 @@ mod tests {
         let mut device = ready();
         tick(&mut device, &resting(), &[Command::EnterHil]);
         let mut asked_for = 0;
-        for sequence in 0..200 {
+        // Not for long: the pressure stays where it is, which is a fault then.
+        for sequence in 0..105 {
             let request = if sequence == 55 {
                 Request::Assist
             } else {
@@ -376,7 +398,7 @@ mod tests {
             asked_for = asked_for.max(seen.telemetry.output.valve.get());
         }
         assert!(device.is_armed());
-        assert!(asked_for > 1000, "{asked_for}");
+        assert!(asked_for > 800, "{asked_for}");
     }
 
     #[test]

@@ -27,6 +27,7 @@
 
 pub mod assist;
 pub mod compensation;
+pub mod consistency;
 pub mod controller;
 pub mod device;
 pub mod error;
@@ -37,6 +38,7 @@ pub mod muscle;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod safety;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
@@ -44,3 +46,4 @@ pub mod store;
 pub mod supervisor;
 pub mod timing;
 pub mod valve;
+pub mod voted;

@@ -47,7 +47,9 @@ pub const LIMITS: &[Limit] = limits! {
     supply_pressure_pa: 1e4, 2e6, "hand-held pneumatics";
     pressure_pa_max: 1e3, 2e6, "at most the supply";
     pressure_trip_pa: 1e3, 3e6, "above what the loop may ask for";
-    pressure_rate_pa_per_s_max: 1e4, 1e7, "10 kPa/s is sluggish; 100 kPa a tick";
+    reference_speed_m_per_s_max: 1e-3, 2.0, "a crawl to a throw";
+    pressure_lag_s: 0.02, 10.0, "two ticks to what no assist can use";
+    pressure_error_pa_max: 1e3, 1e6, "above any sensor's error";
     engage_rate_pa_per_s: 1e3, 1e7, "slower than assisting";
     play_pressure_pa_max: 0.0, 2e6, "0: the link alone moves nothing";
     vent_rate_pa_per_s: 1e3, 1e6, "lets the weight down, does not drop it";
@@ -60,7 +62,8 @@ pub const LIMITS: &[Limit] = limits! {
     pressure_step_pa_max: 1e3, 2e6, "what the valve can do in a tick";
     encoder_step_m_max: 1e-4, 1.0, "a falling weight: 10 m/s";
     encoder_stuck_pa: 1e3, 1e6, "static friction over ∂F/∂P";
-    lift_pressure_pa_max: 1e3, 2e6, "what lifts the heaviest load";
+    load_kg: 0.0, 1e3, "nothing to a machine's part";
+    force_error_n_max: 1.0, 1e4, "friction and hysteresis, to a person's weight tenfold";
     stuck_ticks: 0.0, 1000.0, "10 s; 0 where the converters have no noise";
     suspect_ticks: 1.0, 100.0, "up to a second on a guess";
     missed_ticks_max: 0.0, 10.0, "up to a tenth of a second blind";

@@ -50,6 +50,24 @@ impl<T: FloatCore> Muscle<T> {
         let shortened = T::one() - contraction;
         (self.alpha_m2 + self.alpha_m2) * shortened * pressure.0
     }
+
+    /// Rate of the pressure \[Pa/s\] that moves a weight in balance at `speed_m_per_s`.
+    ///
+    /// Where the force stays, Eq 1 has f_p dP = f_c dε: dP/dt = (v/L) f_c/f_p. Below the pressure
+    /// at which the muscle at its full length begins to pull, it moves nothing: that one counts. It
+    /// grows with pressure and contraction, up to where f_p is zero.
+    #[inline]
+    pub fn moving_rate_pa_per_s(
+        &self,
+        speed_m_per_s: T,
+        contraction: T,
+        pressure: GaugePa<T>,
+    ) -> T {
+        let begins_pa = -self.gamma_n / self.force_per_pressure_m2(T::zero());
+        let stiffness_n = self.stiffness_n(contraction, GaugePa(pressure.0.max(begins_pa)));
+        let slope_pa = stiffness_n / self.force_per_pressure_m2(contraction);
+        speed_m_per_s / self.initial_length_m * slope_pa
+    }
 }
 
 impl<T: FloatCore> Volume<T> {

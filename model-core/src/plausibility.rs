@@ -1,5 +1,6 @@
 //! Is a reading possible? Range, step and standstill of one sensor, and the last value that was.
 
+use crate::safety::{SafetyFunction, Switches};
 use serde::{Deserialize, Serialize};
 
 /// What makes a reading implausible.
@@ -28,7 +29,7 @@ pub enum Verdict {
 const RECOVERY_TICKS: u16 = 10;
 
 /// Counts bad ticks. Good ones in between make up for few: what comes and goes is noticed too.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally(u16);
 
 impl Tally {
@@ -39,6 +40,11 @@ impl Tally {
         } else {
             self.0.saturating_sub(1)
         };
+    }
+
+    /// True where no bad tick is left.
+    pub fn is_empty(self) -> bool {
+        self.0 == 0
     }
 
     /// True from the `limit`th bad tick, with good ones in between a later one, to the next good.
@@ -52,16 +58,16 @@ fn full(limit: u8) -> u16 {
 }
 
 /// One sensor's recent past.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Watch {
     /// The last good value.
     value: f32,
     /// The last reading's counts, and how often in a row it was the same.
     counts: u32,
     same_ticks: u16,
-    /// Readings in a row that were not plausible.
-    suspect_ticks: u8,
-    /// The same, with good ones in between.
+    /// Ticks without a reading within its range, up to now.
+    blind_ticks: f32,
+    /// Readings that were not plausible.
     suspects: Tally,
     /// A first reading has come.
     begun: bool,
@@ -69,7 +75,7 @@ pub struct Watch {
 
 /// What a sensor is judged by.
 #[derive(Clone, Copy, Debug)]
-pub struct Bounds {
+pub(crate) struct Bounds {
     /// The reading is at an end of its scale, or physics ends before it.
     pub out_of_range: bool,
     /// The reading stands still although it must not.
@@ -82,6 +88,29 @@ pub struct Bounds {
     pub suspect_ticks: u8,
     /// Ticks since the last reading.
     pub ticks: f32,
+    /// What is looked at.
+    pub switches: Switches,
+}
+
+impl Bounds {
+    /// What is wrong with a reading that is `step` away from the last good one, `blind_ticks` and
+    /// one ago, and the same for the `same_ticks`th time.
+    fn doubt(&self, step: f32, blind_ticks: f32, same_ticks: u16) -> Option<Doubt> {
+        let looked_at = |function| self.switches.on(function);
+        // What was not seen may have moved on; what was seen elsewhere has not come there.
+        let step_max = self.step_max * (self.ticks + blind_ticks);
+        let stuck = self.stuck_ticks > 0 && same_ticks >= self.stuck_ticks;
+        if self.out_of_range && looked_at(SafetyFunction::SensorRange) {
+            Some(Doubt::Range)
+        } else if !(step <= step_max && step >= -step_max) && looked_at(SafetyFunction::SensorStep)
+        {
+            Some(Doubt::Step)
+        } else if (self.at_standstill || stuck) && looked_at(SafetyFunction::SensorStuck) {
+            Some(Doubt::Stuck)
+        } else {
+            None
+        }
+    }
 }
 
 impl Watch {
@@ -91,7 +120,7 @@ impl Watch {
     }
 
     /// The past with one more reading, and what is thought of the sensor.
-    pub fn next(self, counts: u32, value: f32, bounds: &Bounds) -> (Watch, Verdict) {
+    pub(crate) fn next(self, counts: u32, value: f32, bounds: &Bounds) -> (Watch, Verdict) {
         let mut watch = self;
         let same = self.begun && self.counts == counts;
         watch.same_ticks = if same {
@@ -101,27 +130,18 @@ impl Watch {
         };
         watch.counts = counts;
         watch.begun = true;
-        // A value that was bridged may have moved on all the while.
-        let step_max = bounds.step_max * (bounds.ticks + self.suspect_ticks as f32);
-        let step = value - self.value;
-        let doubt = if bounds.out_of_range {
-            Some(Doubt::Range)
-        } else if self.begun && !(step <= step_max && step >= -step_max) {
-            Some(Doubt::Step)
-        } else if bounds.at_standstill
-            || (bounds.stuck_ticks > 0 && watch.same_ticks >= bounds.stuck_ticks)
-        {
-            Some(Doubt::Stuck)
+        let step = if self.begun { value - self.value } else { 0.0 };
+        let doubt = bounds.doubt(step, self.blind_ticks, watch.same_ticks);
+        watch.blind_ticks = if doubt == Some(Doubt::Range) {
+            self.blind_ticks + bounds.ticks
         } else {
-            None
+            0.0
         };
         watch.suspects.add(doubt.is_some(), bounds.suspect_ticks);
         let Some(doubt) = doubt else {
             watch.value = value;
-            watch.suspect_ticks = 0;
             return (watch, Verdict::Good);
         };
-        watch.suspect_ticks = self.suspect_ticks.saturating_add(1);
         if watch.suspects.is_full(bounds.suspect_ticks) {
             (watch, Verdict::Failed(doubt))
         } else {

@@ -15,6 +15,7 @@
 
 use crate::frame::Request;
 use crate::plausibility::{Doubt, Verdict};
+use crate::safety::{SafetyFunction, Switches};
 use crate::settings::SettingsValues;
 use serde::{Deserialize, Serialize};
 
@@ -62,6 +63,14 @@ pub enum Fault {
     NotStill,
     /// The muscle had pressure, or lifted, before it was asked to.
     Uncommanded,
+    /// The pressure does not follow its reference: valve, supply, hose, or pressure sensor.
+    PressureControl,
+    /// Pressure, contraction and weight do not fit: a sensor, the load, or the muscle.
+    ForceBalance,
+    /// The weight is faster than the reference ever is.
+    OverSpeed,
+    /// The controller's memory has changed by itself.
+    Memory,
 }
 
 /// What a tick has found out, before anything is decided.
@@ -89,6 +98,16 @@ pub(crate) struct Findings {
     pub bridging: bool,
     /// A fault is latched.
     pub latched: bool,
+    /// The pressure is not where reference and valve have it.
+    pub pressure_astray: bool,
+    /// The forces are not in balance.
+    pub force_astray: bool,
+    /// The weight was too fast.
+    pub too_fast: bool,
+    /// A bit of the memory had flipped.
+    pub memory_damaged: bool,
+    /// What is looked at.
+    pub switches: Switches,
 }
 
 /// What is decided about the mode.
@@ -103,20 +122,33 @@ pub(crate) enum Decision {
 
 impl Findings {
     fn fault(&self, values: &SettingsValues) -> Option<Fault> {
+        let looked_at = |function| self.switches.on(function);
+        if self.memory_damaged {
+            return Some(Fault::Memory);
+        }
         match (self.bridge, self.pressure, self.encoder) {
             (Verdict::Failed(doubt), ..) => return Some(Fault::Bridge(doubt)),
             (_, Verdict::Failed(doubt), _) => return Some(Fault::Pressure(doubt)),
             (.., Verdict::Failed(doubt)) => return Some(Fault::Encoder(doubt)),
             _ => {}
         }
-        if self.pressure_pa > values.pressure_trip_pa {
+        let over_pressure = self.pressure_pa > values.pressure_trip_pa;
+        let over_contraction = self.contraction > values.contraction_trip;
+        let missed_ticks = self.missed_ticks > values.missed_ticks_max;
+        if over_pressure && looked_at(SafetyFunction::PressureWatch) {
             Some(Fault::OverPressure)
-        } else if self.contraction > values.contraction_trip {
+        } else if over_contraction && looked_at(SafetyFunction::WeightWatch) {
             Some(Fault::OverContraction)
-        } else if self.missed_ticks > values.missed_ticks_max {
+        } else if missed_ticks && looked_at(SafetyFunction::MissedTicks) {
             Some(Fault::MissedTicks)
-        } else if self.uncommanded {
+        } else if self.uncommanded && looked_at(SafetyFunction::RestWatch) {
             Some(Fault::Uncommanded)
+        } else if self.pressure_astray && looked_at(SafetyFunction::PressureWatch) {
+            Some(Fault::PressureControl)
+        } else if self.too_fast && looked_at(SafetyFunction::SpeedTrip) {
+            Some(Fault::OverSpeed)
+        } else if self.force_astray && looked_at(SafetyFunction::WeightWatch) {
+            Some(Fault::ForceBalance)
         } else {
             None
         }
@@ -147,8 +179,14 @@ pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -
 
 /// Passes after an undisturbed window; gives up, naming what disturbs, when it takes too long.
 fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
-    match findings.unready {
-        None if findings.window_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
+    let checks = findings.switches.on(SafetyFunction::SelfCheck);
+    let (unready, good_ticks) = if checks {
+        (findings.unready, findings.window_ticks)
+    } else {
+        (None, findings.mode_ticks)
+    };
+    match unready {
+        None if good_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
         Some(reason) if findings.mode_ticks >= values.self_check_ticks_max => {
             Decision::Fail(reason)
         }
@@ -157,7 +195,9 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
 }
 
 fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
-    let may_begin = findings.unready.is_none() && !findings.suspect();
+    let watched = findings.switches.on(SafetyFunction::RestWatch);
+    let at_rest = findings.unready.is_none() || !watched;
+    let may_begin = at_rest && !findings.suspect();
     match findings.request {
         Request::Assist if may_begin => Decision::Go(Mode::Assisting),
         Request::Play(_) if may_begin && values.play_pressure_pa_max > 0.0 => {

@@ -14,6 +14,9 @@ const PROMINENT: f64 = 0.05;
 const HELD: f64 = 0.02;
 /// Differences in one estimate of the noise.
 const NOISE_STRETCH: usize = 50;
+/// What a step takes at most \[s\]: a valve lags by tens of milliseconds, and the board's reference
+/// is limited in its rate.
+const STEP_S: f64 = 0.05;
 /// Rates and holds are looked at in pieces of this length \[s\], so that noise averages out.
 const PIECE_S: f64 = 0.1;
 /// The share of pieces that are slower than the rate that is told.
@@ -49,7 +52,7 @@ pub struct Signal {
     pub quantum: Option<f64>,
     /// Of its rates of change over a tenth of a second, the one that 95 % are below \[1/s\].
     pub rate_per_s: f64,
-    /// Changes from one sample to the next by a twentieth of the range.
+    /// How often it changes by a twentieth of the range within 50 ms, or to the next sample.
     pub steps: usize,
     /// Changes of direction that are followed by a twentieth of the range.
     pub reversals: usize,
@@ -121,8 +124,9 @@ impl Signal {
             longest_hold_s: 0.0,
         };
         let prominent = (PROMINENT * signal.range()).max(NOISE_SPAN * noise);
-        let steps = differences(&samples.values).filter(|step| step.abs() >= prominent);
-        signal.steps = if signal.moves() { steps.count() } else { 0 };
+        if signal.moves() {
+            signal.steps = samples.steps(prominent);
+        }
         signal.reversals = reversals(&samples.values, prominent);
         let pieces = samples.pieces();
         signal.rate_per_s = if min < max { pieces.rate_per_s() } else { 0.0 };
@@ -305,6 +309,23 @@ impl Samples {
             row += count;
         }
         pieces
+    }
+
+    /// Stretches of fast change: by `prominent` from their rows to the last within [`STEP_S`].
+    fn steps(&self, prominent: f64) -> usize {
+        let (mut steps, mut fast, mut last) = (0, false, 0);
+        for (row, time_s) in self.time_s.iter().enumerate() {
+            // Half a per mille for the rounding of times.
+            let within = |later: &f64| later - time_s <= 1.0005 * STEP_S;
+            while self.time_s.get(last + 1).is_some_and(within) {
+                last += 1;
+            }
+            let later = last.max(row + 1).min(self.values.len() - 1);
+            let was_fast = fast;
+            fast = (self.values[later] - self.values[row]).abs() >= prominent;
+            steps += usize::from(fast && !was_fast);
+        }
+        steps
     }
 
     fn rate_per_s(&self) -> f64 {

@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(BadInput::file(args.out.display().to_string(), expected).into());
     }
     let mut limits = Limits::of(&Rig::read(&args.rig)?, args.contraction_max)?;
-    limits.rate_pa_per_s = args.rate_max.unwrap_or(limits.rate_pa_per_s);
+    limits.rate_pa_per_s_max = args.rate_max;
     let parts: &[Part] = match &args.part[..] {
         [] => &Part::USUAL,
         parts => parts,

@@ -7,6 +7,7 @@ pub mod completions;
 pub mod design;
 pub mod diagnose;
 pub mod experiment;
+pub mod faults;
 pub mod hil;
 pub mod import;
 pub mod paper;

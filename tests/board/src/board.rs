@@ -260,6 +260,11 @@ impl Board {
         self.cpu.pc()
     }
 
+    /// The stack's lowest word in use.
+    pub fn sp(&self) -> u32 {
+        self.cpu.sp()
+    }
+
     /// How many flash sectors were erased.
     pub fn flash_erase_count(&self) -> u64 {
         self.cpu.soc().flash.erase_count

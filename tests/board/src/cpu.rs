@@ -323,6 +323,11 @@ impl Cpu {
         self.reg(R::PC) & !1
     }
 
+    /// The stack's lowest word in use.
+    pub fn sp(&self) -> u32 {
+        self.reg(R::SP)
+    }
+
     /// Runs out the clock while there is no supply.
     pub fn pass_unpowered(&mut self, until: Time) {
         self.soc_mut().now = until;

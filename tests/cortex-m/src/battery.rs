@@ -224,7 +224,7 @@ fn any_settings(random: &mut Random) -> Settings {
         &mut values.pressure_sensor.per_count,
         &mut values.encoder_m_per_count,
         &mut values.valve_drive.pa_per_v,
-        &mut values.pressure_rate_pa_per_s_max,
+        &mut values.reference_speed_m_per_s_max,
         &mut values.engage_rate_pa_per_s,
         &mut values.vent_rate_pa_per_s,
     ];

@@ -23,6 +23,13 @@ fn stack(rig: &Rig) -> (usize, usize) {
     (size, size - 4 * free)
 }
 
+/// Paints what is free of the stack, so that what has been does not count any more.
+fn repaint(rig: &mut Rig) {
+    let low = rig.board.symbol("_stack_end").expect("memory.x defines it");
+    let free = (rig.board.sp() - low) as usize / PAINT.len();
+    rig.board.write_ram(low, &PAINT.repeat(free));
+}
+
 /// Modes and a fault to log, settings to refuse, questions of all kinds, and more sensors than a
 /// tick can take, most of which are old.
 fn keep_busy(rig: &mut Rig) {
@@ -60,6 +67,9 @@ fn tick_and_stack_keep_within_their_budgets() {
     let Some(mut rig) = Rig::after_ms(15) else {
         return;
     };
+    // Interrupts are masked while it starts: nothing comes on top.
+    let started = stack(&rig).1;
+    repaint(&mut rig);
     rig.board.trace_exceptions(true);
     rig.run_ms(1_000);
     let longest = |rig: &mut Rig| {
@@ -89,10 +99,11 @@ fn tick_and_stack_keep_within_their_budgets() {
         rig.board.run_for(MS / 100);
         stored = stored.max(stack(&rig).1);
     }
-    let bound = stored.max(2 * served);
+    let bound = started.max(stored).max(2 * served);
     println!(
-        "stack  {bound:6} of {size:6} bytes at most: {served} seen, {stored} storing settings"
+        "stack  {bound:6} of {size:6} bytes at most: {started} starting, {stored} storing settings, \
+         {served} else"
     );
-    assert!(served < stored && bound < size);
+    assert!(bound < size);
     rig.assert_no_errors();
 }

@@ -6,6 +6,7 @@ mod assist;
 mod boot;
 mod budget;
 mod crash;
+mod faults;
 mod link;
 mod pins;
 mod rig;

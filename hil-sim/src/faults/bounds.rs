@@ -1,0 +1,123 @@
+//! The bounds of docs/safety.md, from the rig and the settings.
+
+use super::Case;
+use super::kind::{Decides, Inject};
+use crate::plant::gas::HEAT_RATIO;
+use crate::plant::load::GRAVITY_M_PER_S2;
+use crate::rig::{Load, Rig};
+use model_core::pressure::GaugePa;
+use model_core::settings::SettingsValues;
+use serde::Serialize;
+
+/// What a case must stay within.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bounds {
+    /// Fastest upwards after the fault \[m/s\].
+    pub speed_up_m_per_s: f64,
+    /// Fastest downwards \[m/s\].
+    pub speed_down_m_per_s: f64,
+    /// Highest place of the weight above its stop \[m\].
+    pub height_m: f64,
+    /// Highest pressure, gauge \[Pa\].
+    pub pressure_pa: f64,
+}
+
+/// The trip level of the weight's speed over the reference's.
+const OVER_SPEED: f64 = model_core::consistency::OVER_SPEED as f64;
+/// From the trip level to the fault: two ticks that are too fast, and the one before them \[s\].
+const NOTICED_S: f64 = 0.03;
+/// Steps in which the energy is summed \[m\].
+const STEP_M: f64 = 1e-4;
+
+/// Speed \[m/s\] and height \[m\] that the muscle at `pressure_pa` gives a load from rest on the
+/// stop: ½Mv² = ∫(F(P, ε) − Mg)dy with F ≥ 0. Friction would make both smaller.
+pub fn flung(rig: &Rig, mass_kg: f64, pressure_pa: f64) -> (f64, f64) {
+    let (mut energy_j, mut energy_j_max, mut height_m) = (0.0, 0.0_f64, 0.0);
+    while energy_j >= 0.0 {
+        let contraction = height_m / rig.muscle.initial_length_m;
+        let force_n = if contraction < 1.0 {
+            rig.muscle
+                .force_n(contraction, GaugePa(pressure_pa))
+                .max(0.0)
+        } else {
+            0.0
+        };
+        energy_j += (force_n - mass_kg * GRAVITY_M_PER_S2) * STEP_M;
+        energy_j_max = energy_j_max.max(energy_j);
+        height_m += STEP_M;
+    }
+    ((2.0 * energy_j_max / mass_kg).sqrt(), height_m)
+}
+
+/// Speed after a free fall \[m/s\].
+pub fn fallen_m_per_s(height_m: f64) -> f64 {
+    (2.0 * GRAVITY_M_PER_S2 * height_m).sqrt()
+}
+
+/// Pressure \[Pa\] when a load that falls from `height_m` is caught by the muscle alone: its air,
+/// shut in at `pressure_pa` where the rope gets taut, is compressed without loss of heat, and
+/// takes up what the rubber and the weight give.
+pub fn caught_pa(rig: &Rig, mass_kg: f64, pressure_pa: f64, height_m: f64) -> f64 {
+    let (Some(volume), Some(gas)) = (&rig.volume, &rig.gas) else {
+        return pressure_pa;
+    };
+    let length_m = rig.muscle.initial_length_m;
+    let atmospheric_pa = gas.atmospheric_pressure.0;
+    let begins = (0..1000)
+        .map(|step| f64::from(step) * 1e-3)
+        .find(|place| rig.muscle.force_n(*place, GaugePa(pressure_pa)) <= 0.0)
+        .unwrap_or(0.0);
+    let whole_m3 = volume.volume_m3(begins);
+    let pressure_at = |contraction: f64| {
+        let ratio = whole_m3 / volume.volume_m3(contraction);
+        (pressure_pa + atmospheric_pa) * ratio.powf(HEAT_RATIO) - atmospheric_pa
+    };
+    let weight_n = mass_kg * GRAVITY_M_PER_S2;
+    let mut contraction = begins;
+    let mut energy_j = weight_n * (height_m - begins * length_m).max(0.0);
+    while energy_j >= 0.0 && contraction > 0.0 {
+        let force_n = rig
+            .muscle
+            .force_n(contraction, GaugePa(pressure_at(contraction)));
+        energy_j -= (force_n - weight_n) * STEP_M;
+        contraction -= STEP_M / length_m;
+    }
+    pressure_at(contraction.max(0.0))
+}
+
+/// The bounds of `case` with a board of these settings.
+pub fn bounds(case: &Case, values: &SettingsValues) -> Bounds {
+    let rig = &case.rig;
+    // The trip level, and free fall until it is noticed.
+    let trip_m_per_s = OVER_SPEED * f64::from(values.reference_speed_m_per_s_max);
+    let moved_m_per_s = trip_m_per_s + GRAVITY_M_PER_S2 * NOTICED_S;
+    let stroke_m = f64::from(values.contraction_trip * values.muscle.initial_length_m);
+    let mut bounds = Bounds {
+        speed_up_m_per_s: moved_m_per_s,
+        speed_down_m_per_s: moved_m_per_s,
+        height_m: stroke_m,
+        pressure_pa: f64::from(values.pressure_trip_pa),
+    };
+    let Decides::Physics { up, down } = case.kind.decides else {
+        return bounds;
+    };
+    let mass_kg = match &rig.load {
+        Load::Weight(weight) if case.kind.inject == Inject::Load => {
+            weight.mass_kg * case.size.min(1.0)
+        }
+        Load::Weight(weight) => weight.mass_kg,
+        Load::Prescribed => f64::from(values.load_kg),
+    };
+    if up {
+        let supply_pa = f64::from(values.supply_pressure_pa);
+        let (speed_m_per_s, height_m) = flung(rig, mass_kg, supply_pa);
+        bounds.speed_up_m_per_s = speed_m_per_s + moved_m_per_s;
+        bounds.height_m = height_m.max(stroke_m);
+        let caught_pa = caught_pa(rig, mass_kg, supply_pa, bounds.height_m);
+        bounds.pressure_pa = bounds.pressure_pa.max(caught_pa);
+    }
+    if down {
+        bounds.speed_down_m_per_s = fallen_m_per_s(bounds.height_m).hypot(moved_m_per_s);
+    }
+    bounds
+}

@@ -1,0 +1,45 @@
+//! Many cases, on all cores.
+
+use super::Case;
+use super::run::{Outcome, run, settings};
+use super::unit::OnPc;
+use crate::closed_loop::Tick;
+use crate::error::BadInput;
+use model_core::safety::SafetyFunction;
+use rayon::prelude::*;
+
+/// Runs one case on this PC.
+///
+/// # Errors
+/// The case's rig does not fit.
+pub fn run_case(
+    case: &Case,
+    without: Option<SafetyFunction>,
+    seen: impl FnMut(&Tick),
+) -> Result<Outcome, BadInput> {
+    let (settings, known) = settings(case)?;
+    let mut unit = OnPc::new(settings, without);
+    let mut outcome = run(case, &settings, &mut unit, seen)?;
+    if !known {
+        outcome.outside.push("settings of nobody");
+    }
+    Ok(outcome)
+}
+
+/// Runs `cases` on all cores, `done` told of each; in their order.
+///
+/// # Errors
+/// The first case whose rig does not fit.
+pub fn run_all(
+    cases: impl ParallelIterator<Item = Case>,
+    without: Option<SafetyFunction>,
+    done: impl Fn() + Sync,
+) -> Result<Vec<Outcome>, BadInput> {
+    cases
+        .map(|case| {
+            let outcome = run_case(&case, without, |_| {});
+            done();
+            outcome
+        })
+        .collect()
+}

@@ -1,0 +1,179 @@
+//! The fault campaign: one fault at a time, of every kind, size and moment, and what becomes of the
+//! weight. docs/safety.md derives the bounds.
+//!
+//! A case is its number: the same seed and number give the same case on any machine.
+
+pub mod bounds;
+pub mod campaign;
+pub mod kind;
+mod plant;
+pub mod report;
+pub mod run;
+pub mod unit;
+
+use crate::closed_loop::{CHECKED_S, Finger};
+use crate::effects::CATALOGUE;
+use crate::rig::{Effect, Load, Rig};
+use kind::{Inject, KINDS, Kind};
+pub use plant::Hardware;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+
+/// When a fault falls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Moment {
+    /// Before the controller starts.
+    Start,
+    /// Checked, before assistance is asked for.
+    Ready,
+    /// Engaged, the weight still on its stop.
+    Rest,
+    /// On the way up.
+    Lifting,
+    /// Held up.
+    Holding,
+    /// On the way down.
+    Lowering,
+}
+
+impl Moment {
+    /// All of them.
+    pub const ALL: [Moment; 6] = [
+        Moment::Start,
+        Moment::Ready,
+        Moment::Rest,
+        Moment::Lifting,
+        Moment::Holding,
+        Moment::Lowering,
+    ];
+}
+
+/// One case of the campaign.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// Its number.
+    pub number: u64,
+    /// What breaks.
+    pub kind: &'static Kind,
+    /// How much.
+    pub size: f64,
+    /// When.
+    pub moment: Moment,
+    /// The same \[s\].
+    pub fault_s: f64,
+    /// When the case ends \[s\].
+    pub ends_s: f64,
+    /// What the hand does.
+    pub finger: Finger,
+    /// Stiffness of the person's arm \[N/m\].
+    pub arm_stiffness_n_per_m: f64,
+    /// Seed of noise, and of what is random in the fault.
+    pub seed: u64,
+    /// The rig: its values within their tolerances, in a healthy case with an effect.
+    pub rig: Rig,
+    /// Hardware beside the controller.
+    pub hardware: Hardware,
+}
+
+/// When the person asks for assistance, if it is offered \[s\].
+pub(crate) const ASKS_S: f64 = 0.9;
+/// How long a case goes on after its fault \[s\]: venting from the highest pressure takes 2.5 s.
+const AFTER_S: f64 = 3.5;
+/// The held part of a lift \[s\].
+const HOLD_S: f64 = 0.8;
+
+impl Case {
+    /// Case `number` of the campaign `seed`. Kinds take turns.
+    pub fn new(seed: u64, number: u64) -> Case {
+        let kind = &KINDS[(number % KINDS.len() as u64) as usize];
+        Case::of(kind, seed, number)
+    }
+
+    /// The same, of that kind.
+    pub fn of(kind: &'static Kind, seed: u64, number: u64) -> Case {
+        let mut random = Pcg64Mcg::seed_from_u64(seed ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let size = kind.sizes[random.random_range(0..kind.sizes.len())];
+        let moment = Moment::ALL[random.random_range(0..Moment::ALL.len())];
+        let rise_s = random.random_range(0.6..1.5);
+        let share = random.random_range(0.05..1.0);
+        let start_s = CHECKED_S + 0.4;
+        let fault_s = match moment {
+            Moment::Start => 0.0,
+            Moment::Ready => ASKS_S - 0.3 + 0.15 * share,
+            Moment::Rest => CHECKED_S + 0.35 * share,
+            Moment::Lifting => start_s + rise_s * share,
+            Moment::Holding => start_s + rise_s + HOLD_S * share,
+            Moment::Lowering => start_s + rise_s + HOLD_S + rise_s * share,
+        };
+        let arms_n_per_m = [f64::INFINITY, 1500.0, 500.0];
+        let lift_s = start_s + 2.0 * rise_s + HOLD_S;
+        Case {
+            number,
+            kind,
+            size,
+            moment,
+            fault_s,
+            ends_s: lift_s.max(fault_s) + AFTER_S.min(lift_s + AFTER_S - fault_s),
+            finger: Finger::Lift {
+                start_s,
+                travel_m: random.random_range(0.06..0.12),
+                rise_s,
+                hold_s: HOLD_S,
+                lower_s: rise_s,
+            },
+            arm_stiffness_n_per_m: arms_n_per_m[random.random_range(0..3)],
+            seed: random.next_u64(),
+            rig: rig(kind, &mut random),
+            hardware: Hardware::None,
+        }
+    }
+
+    /// The fault in words.
+    pub fn words(&self) -> String {
+        let Kind { name, unit, .. } = self.kind;
+        match self.kind.sizes {
+            [_] => (*name).into(),
+            _ => format!("{name} ({} {unit})", self.size),
+        }
+    }
+}
+
+/// The reference rig within its tolerances: relative half widths of what a maker states.
+fn rig(kind: &Kind, random: &mut impl Rng) -> Rig {
+    let mut rig = Rig::reference();
+    let mut within = |value: &mut f64, relative: f64| {
+        *value *= 1.0 + random.random_range(-relative..relative);
+    };
+    // A muscle from the shelf: its force within 2 %, the valve's gain within 20 %.
+    within(&mut rig.muscle.alpha_m2, 0.01);
+    within(&mut rig.muscle.gamma_n, 0.02);
+    if let Load::Weight(weight) = &mut rig.load {
+        within(&mut weight.mass_kg, 0.02);
+        within(&mut weight.viscous_damping_ns_per_m, 0.3);
+        within(&mut weight.coulomb_friction_n, 0.3);
+        weight.static_friction_n = 1.6 * weight.coulomb_friction_n;
+    }
+    if let Some(valve) = &mut rig.valve {
+        within(&mut valve.flow_gain_kg_per_pa_s, 0.2);
+    }
+    // A rope does not push.
+    let mut add = |name: &str, form: Option<usize>| {
+        let kinds = CATALOGUE.iter().filter(|kind| kind.name == name);
+        rig.effects.extend(kinds.map(|kind| {
+            let form = &kind.forms[form.unwrap_or(0)];
+            let values = form.parameters.iter().map(|p| p.usual).collect();
+            Effect { kind, form, values }
+        }));
+    };
+    if kind.inject == Inject::Healthy {
+        let effect = &CATALOGUE[random.random_range(0..CATALOGUE.len())];
+        add(
+            effect.name,
+            Some(random.random_range(0..effect.forms.len())),
+        );
+    }
+    add("slack", None);
+    rig
+}

@@ -1,0 +1,171 @@
+//! What ticks in a case: the device of the firmware, here or on a board.
+
+use super::kind::{Memory, SettingsFault};
+use crate::closed_loop;
+use crate::rig::Rig;
+use model_core::controller::Controller;
+use model_core::device::{Command, Device, Pins};
+use model_core::frame::{Output, Request};
+use model_core::link::{Decoder, FRAME_LEN_MAX, ToDevice, encode};
+use model_core::safety::SafetyFunction;
+use model_core::settings::{Settings, SettingsValues};
+use model_core::signal::DacCount;
+use model_core::store::{self, SLOT_LEN};
+use model_core::timing::Timing;
+use rand::{Rng, RngExt};
+
+/// What a tick has come to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// The DAC.
+    pub valve: DacCount,
+    /// The controller's output.
+    pub output: Output,
+}
+
+/// A device under test.
+pub trait Unit {
+    /// One tick: what the pins say, the ticks missed before it, and the bytes that have come.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told;
+
+    /// The chip is reset and its program begins anew.
+    fn restart(&mut self);
+
+    /// A bit of the memory flips in that copy.
+    fn damage(&mut self, memory: Memory, copy: usize, bit: usize);
+}
+
+/// The device in this program.
+pub struct OnPc {
+    settings: Settings,
+    without: Option<SafetyFunction>,
+    device: Device,
+    decoder: Decoder,
+}
+
+/// Commands that the firmware queues for a tick.
+const QUEUE_LEN: usize = 15;
+
+impl OnPc {
+    /// A device with these settings, lacking a safety function if one is named.
+    pub fn new(settings: Settings, without: Option<SafetyFunction>) -> OnPc {
+        let mut unit = OnPc {
+            settings,
+            without,
+            device: Device::new(settings),
+            decoder: Decoder::new(),
+        };
+        unit.restart();
+        unit
+    }
+}
+
+impl Unit for OnPc {
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told {
+        let timing = Timing {
+            missed_ticks,
+            ..Timing::default()
+        };
+        let (mut vent, mut queue) = (None, Vec::new());
+        for byte in bytes {
+            match self.decoder.push::<ToDevice>(*byte) {
+                Some(Ok(ToDevice::Command(command @ Command::Request(Request::Vent)))) => {
+                    vent = Some(command);
+                }
+                Some(Ok(ToDevice::Command(command))) if queue.len() < QUEUE_LEN => {
+                    queue.push(command);
+                }
+                _ => {}
+            }
+        }
+        let tick = self
+            .device
+            .tick(pins, timing, vent.into_iter().chain(queue));
+        Told {
+            valve: tick.valve,
+            output: tick.telemetry.output,
+        }
+    }
+
+    fn restart(&mut self) {
+        self.device = Device::new(self.settings);
+        self.decoder = Decoder::new();
+        if let Some(function) = self.without {
+            *self.device.controller_mut() = Controller::without(self.settings, function);
+        }
+    }
+
+    fn damage(&mut self, memory: Memory, copy: usize, bit: usize) {
+        let controller = self.device.controller_mut();
+        match memory {
+            Memory::State => controller.state_copy(copy).flip(bit),
+            Memory::Settings => controller.settings_copy(copy).flip(bit),
+            Memory::Hil => self.device.flip_hil(copy),
+        }
+    }
+}
+
+/// A message as it goes over the link.
+pub fn frame(message: &ToDevice) -> Vec<u8> {
+    let mut buffer = [0; FRAME_LEN_MAX];
+    // Every message of the link fits into a frame.
+    encode(message, &mut buffer).unwrap_or_default().to_vec()
+}
+
+/// What a board finds in its flash after `fault`, and whether it may: the settings before, those
+/// that were being written, or the reference.
+pub fn stored_settings(
+    rig: &Rig,
+    fault: SettingsFault,
+    size: f64,
+    random: &mut impl Rng,
+) -> (Settings, bool) {
+    const SECTOR_LEN: usize = 4 * SLOT_LEN;
+    let of_gain = |gain: f32| {
+        let values = SettingsValues {
+            gain,
+            ..SettingsValues::reference()
+        };
+        closed_loop::settings(rig)
+            .and_then(|_| Settings::new(values).map_err(|error| rig.bad_file(&error.to_string())))
+    };
+    let (Ok(old), Ok(new), Ok(reference)) = (of_gain(18.0), of_gain(19.0), of_gain(20.0)) else {
+        unreachable!("gains within their limits")
+    };
+    let mut flash = [vec![0xFF_u8; SECTOR_LEN], vec![0xFF; SECTOR_LEN]];
+    let write = |flash: &mut [Vec<u8>; 2], settings: &Settings, share: f64| {
+        if let Ok(write) = store::store([&flash[0], &flash[1]], settings) {
+            let bytes = write.bytes();
+            let done = (share * bytes.len() as f64) as usize;
+            flash[write.sector][write.offset..][..done].copy_from_slice(&bytes[..done]);
+        }
+    };
+    write(&mut flash, &old, 1.0);
+    match fault {
+        SettingsFault::Erased => flash[0].fill(0xFF),
+        SettingsFault::HalfWritten => write(&mut flash, &new, size),
+        SettingsFault::Flipped => {
+            write(&mut flash, &new, 1.0);
+            for _ in 0..size as usize {
+                let bit = random.random_range(0..8 * 2 * SLOT_LEN);
+                flash[0][bit / 8] ^= 1 << (bit % 8);
+            }
+        }
+        SettingsFault::OtherVersion => {
+            // The version comes first in the encoded settings, which the checksum covers.
+            for byte in flash[0].iter_mut().skip(8).take(1) {
+                *byte = byte.wrapping_add(1);
+            }
+        }
+        SettingsFault::CutWhileErasing => {
+            for cell in flash.iter_mut().flat_map(|sector| sector.iter_mut()) {
+                if random.random_bool(size) {
+                    *cell = 0xFF;
+                }
+            }
+        }
+    }
+    let found = store::load([&flash[0], &flash[1]]).ok().flatten();
+    let found = found.unwrap_or(reference);
+    (found, [old, new, reference].contains(&found))
+}

@@ -1,0 +1,135 @@
+//! The fault campaign on the image that would be flashed, beside the same cases on the PC.
+//!
+//! Sensors break at the pins, bits flip in the RAM, and resets are resets. Ticks and stored
+//! settings are broken in timing.rs and settings.rs.
+
+use crate::rig::{BRIDGE, MS, PRESSURE, Rig, TICK_NS, volts};
+use hil_sim::faults::Case;
+use hil_sim::faults::campaign::run_case;
+use hil_sim::faults::kind::{Inject, KINDS, Memory};
+use hil_sim::faults::run::{Outcome, run, settings};
+use hil_sim::faults::unit::{Told, Unit};
+use model_core::device::{Device, Pins};
+use model_core::frame::Output;
+use model_core::signal::{COUNT_MAX, DacCount};
+use std::collections::BTreeMap;
+
+/// Cases, unless FAULT_CASES says otherwise.
+const CASES: u64 = 60;
+/// The firmware's device in RAM, by the name that RTIC gives it.
+const DEVICE: &str = "rtic_internal_local_resource_device";
+
+/// The board, a tick at a time.
+struct OnBoard {
+    rig: Rig,
+    told_ns: u64,
+    output: Output,
+}
+
+impl OnBoard {
+    fn new() -> Option<OnBoard> {
+        Some(OnBoard {
+            rig: Rig::new()?,
+            told_ns: 5 * MS,
+            output: Output::default(),
+        })
+    }
+
+    fn device(&self) -> u32 {
+        let address = self.rig.board.symbol_with(DEVICE);
+        address.unwrap_or_else(|| panic!("no {DEVICE} in the ELF"))
+    }
+}
+
+impl Unit for OnBoard {
+    fn tick(&mut self, pins: &Pins, _: u8, bytes: &[u8]) -> Told {
+        let board = &mut self.rig.board;
+        board.set_analog(BRIDGE, volts(pins.bridge.0));
+        board.set_analog(PRESSURE, volts(pins.pressure.0));
+        board.set_encoder(i64::from(pins.encoder.0 as i32));
+        board.link_send(bytes);
+        board.run_until(self.told_ns);
+        self.told_ns += TICK_NS;
+        if let Some(telemetry) = self.rig.telemetry().last() {
+            self.output = telemetry.output;
+        }
+        let scale = self.rig.board.dac_volts(1) / 3.3;
+        Told {
+            valve: DacCount::new((scale * f64::from(COUNT_MAX)).round() as u16),
+            output: self.output,
+        }
+    }
+
+    fn restart(&mut self) {
+        self.rig.board.reset_pin();
+        self.told_ns = self.rig.board.time_ns() + 5 * MS;
+        self.output = Output::default();
+    }
+
+    /// Any bit of the device: what the copies do not hold is in the way too.
+    fn damage(&mut self, _: Memory, copy: usize, bit: usize) {
+        let place = (bit * 7919 + copy * 104_729) % (8 * size_of::<Device>());
+        let address = self.device() + (place / 8) as u32;
+        let byte = self.rig.board.read_memory(address, 1)[0] ^ 1 << (place % 8);
+        self.rig.board.write_ram(address, &[byte]);
+    }
+}
+
+/// What must be the same there and here.
+fn verdict(outcome: &Outcome) -> String {
+    format!(
+        "{:?} {:?} {:?} {:?}",
+        outcome.mode, outcome.reason, outcome.latched_after_s, outcome.outside
+    )
+}
+
+#[test]
+fn faults_end_on_the_board_as_they_do_on_the_pc() {
+    if crate::rig::firmware().is_none() {
+        return;
+    }
+    let cases = std::env::var("FAULT_CASES").map_or(CASES, |n| n.parse().expect("a number"));
+    let (mut compared, mut kinds) = (0, BTreeMap::new());
+    for number in 0..cases {
+        let case = Case::new(2, number);
+        if matches!(case.kind.inject, Inject::Ticks(_) | Inject::Settings(_)) {
+            continue;
+        }
+        let (settings, _) = settings(&case).expect("the reference rig is a board's");
+        let mut board = OnBoard::new().expect("the firmware is there");
+        let there = run(&case, &settings, &mut board, |_| {}).expect("it runs");
+        *kinds.entry(case.kind.name).or_insert(0) += 1;
+        // Where a random bit flips is not the same here; all else is.
+        if matches!(case.kind.inject, Inject::Damage(_)) {
+            let weight = there
+                .outside
+                .iter()
+                .find(|what| !what.starts_with("reason"));
+            assert_eq!(weight, None, "case {number}: {there:?}");
+            continue;
+        }
+        assert!(there.outside.is_empty(), "case {number}: {there:?}");
+        let here = run_case(&case, None, |_| {}).expect("it runs");
+        assert_eq!(
+            verdict(&there),
+            verdict(&here),
+            "case {number}: {}",
+            case.words()
+        );
+        let speeds = [
+            there.speed_up_m_per_s_max - here.speed_up_m_per_s_max,
+            there.speed_down_m_per_s_max - here.speed_down_m_per_s_max,
+        ];
+        assert!(
+            speeds.iter().all(|by| by.abs() < 1e-3),
+            "case {number}: {speeds:?}"
+        );
+        compared += 1;
+    }
+    println!(
+        "{compared} of {cases} cases compared, {} of {} kinds",
+        kinds.len(),
+        KINDS.len()
+    );
+    assert!(compared > 0);
+}
