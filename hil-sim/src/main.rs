@@ -1,8 +1,7 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: it ran. 1: a case of the fault campaign is out of its bounds, or a board no longer
-//! answers. 2: bad input, or a place that cannot be written, in one line that says
-//! where.
+//! Exit status 0: it ran. 1: a case of the fault campaign is out of its bounds, or a board no
+//! longer answers. 2: bad input, or a place that cannot be written, in one line that says where.
 
 mod cmd;
 

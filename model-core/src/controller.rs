@@ -531,8 +531,12 @@ fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
 impl State {
     /// Flips a bit of one of its values; `bit` is reduced to those that are there.
     pub fn flip(&mut self, bit: usize) {
-        let float =
-            |value: &mut f32, bit: usize| *value = f32::from_bits(value.to_bits() ^ 1 << bit);
+        let float = |value: &mut f32, bit: usize| {
+            let flipped = f32::from_bits(value.to_bits() ^ 1 << bit);
+            // The sign of zero changes nothing: another bit.
+            let same = flipped == *value;
+            *value = f32::from_bits(flipped.to_bits() ^ u32::from(same));
+        };
         let (value, bit) = (bit / 32 % 12, bit % 32);
         match value {
             0 => float(&mut self.pressure_ref_pa, bit),
@@ -544,8 +548,7 @@ impl State {
             6 => self.fault = self.fault.xor(Some(Fault::OverPressure)),
             7 => self.moved_to.0 ^= 1 << bit,
             8 => float(&mut self.moved_at_pa, bit),
-            // Not the sign of zero, which changes nothing.
-            9 => float(&mut self.played_pa, bit % 31),
+            9 => float(&mut self.played_pa, bit),
             10 => self.silent_ticks ^= 1 << (bit % 8),
             _ => self.empty_ticks ^= 1 << (bit % 16),
         }

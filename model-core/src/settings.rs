@@ -60,7 +60,7 @@ pub struct SettingsValues {
     pub pressure_error_pa_max: f32,
     /// Fastest change of the reference until it has met the assist law \[Pa/s\].
     pub engage_rate_pa_per_s: f32,
-    /// Highest pressure that an experiment over the link may ask for, gauge \[Pa\]; 0: no experiment.
+    /// Highest pressure that an experiment over the link may ask for, gauge \[Pa\]; 0: none.
     pub play_pressure_pa_max: f32,
     /// How fast the reference falls when venting \[Pa/s\].
     pub vent_rate_pa_per_s: f32,

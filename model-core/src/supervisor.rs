@@ -7,8 +7,9 @@
 //!     └──Reset, vented── Venting ◀─────────────────────────────────────┴───────────────┘
 //! ```
 //!
-//! Ready ──Play──▶ Playing ──Vent, silence or any fault──▶ Venting: an experiment's pressures, where
-//! the settings allow them. Nobody has to hold a lever for it, so it ends when nobody asks any more.
+//! Ready ──Play──▶ Playing ──Vent, silence or any fault──▶ Venting: an experiment's pressures,
+//! where the settings allow them. Nobody has to hold a lever for it, so it ends when nobody asks
+//! any more.
 //!
 //! A fault is latched with its reason until it is reset, also while venting on request; the first
 //! one counts. Venting lowers the reference at a limited rate: the weight is let down, not dropped.

@@ -31,7 +31,8 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     /// How many cases
-    #[arg(long, default_value_t = 23_000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    #[arg(long, default_value_t = 23_000,
+        value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     cases: u64,
     /// Seed of all that is drawn
     #[arg(long, default_value_t = 1)]

@@ -56,8 +56,8 @@ pub struct Args {
     /// Overwrite files that are there
     #[arg(long)]
     force: bool,
-    /// Play this experiment on the board's muscle (see `hil-sim experiment`) and end with it; nobody
-    /// may be near it. The board has to allow it: `play_pressure_pa_max` of its settings
+    /// Play this experiment on the board's muscle (see `hil-sim experiment`) and end with it;
+    /// nobody may be near it. The board has to allow it: `play_pressure_pa_max` of its settings
     #[arg(long, value_name = "EXP.csv", conflicts_with = "duration")]
     play: Option<PathBuf>,
     /// Have the board allow --play its pressures, and forbid it again at the end

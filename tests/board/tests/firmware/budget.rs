@@ -101,8 +101,8 @@ fn tick_and_stack_keep_within_their_budgets() {
     }
     let bound = started.max(stored).max(2 * served);
     println!(
-        "stack  {bound:6} of {size:6} bytes at most: {started} starting, {stored} storing settings, \
-         {served} else"
+        "stack  {bound:6} of {size:6} bytes at most: {started} starting, {stored} storing \
+         settings, {served} else"
     );
     assert!(bound < size);
     rig.assert_no_errors();
