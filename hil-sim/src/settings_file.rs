@@ -66,7 +66,7 @@ mod tests {
         let text = to_toml(&SettingsValues::reference());
         let errors = [
             (text.replace("lead_s = 0.0", "lead_s = 9.0"), "lead_s"),
-            (text.replace("lead_s = 0.0", "lead_s = true"), "floating"),
+            (text.replace("lead_s = 0.0", "lead_s = true"), "f32"),
             (text.replace("lead_s = 0.0\n", ""), "lead_s"),
         ];
         for (text, expected) in errors {

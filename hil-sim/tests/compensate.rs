@@ -2,8 +2,15 @@
 //! shares no equation with it, in the loop with the controller.
 
 use hil_sim::closed_loop::{Experiment, TICK_S, settings};
-use hil_sim::compensate::{Beyond, Pulled, SPAN_S, compensate, load_force_n};
+use hil_sim::compensate::{
+    Beyond, DELAY_MARGIN_S_MIN, GAIN_MARGIN_MIN, Pulled, SPAN_S, compensate, load_force_n,
+};
+use hil_sim::diagnose::diagnose;
+use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::{Load, Rig};
+use hil_sim::settings_file;
+use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::frame::{Request, Sensors};
 use model_core::settings::{Settings, SettingsValues};
@@ -13,6 +20,8 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
 use truth::Hiding;
 
 /// Errors of an assist run with the truth's plant.
@@ -27,7 +36,7 @@ struct Errors {
 const TICKS: usize = 800;
 const LATE_S: f64 = 1e-4;
 
-/// What the effect that `hiding` hides is called, and in which form.
+/// The paper's rig with an effect of the truth's.
 fn hiding(name: &str, form: &str, size: f64) -> Hiding<'static> {
     static RIG: std::sync::LazyLock<truth::Rig> = std::sync::LazyLock::new(truth::Rig::default);
     let entry = truth::CATALOGUE.iter().find(|entry| entry.name == name);
@@ -159,54 +168,206 @@ fn fitted(effects: &str) -> Rig {
     Rig::parse("rig.fitted.toml", &format!("{nominal}{effects}")).expect("a rig")
 }
 
-/// Errors before and after, with the compensation of `rig`.
-fn before_and_after(hiding: &Hiding, rig: &Rig) -> (Errors, Errors) {
-    let plain = settings(&Rig::reference()).expect("settings");
+/// The settings that the command makes of `rig`.
+fn compensated(rig: &Rig) -> Settings {
     let done = compensate(rig, &SettingsValues::reference()).expect("compensated");
-    for part in &done.parts {
-        println!("      {}: {} {}", part.name, part.compensated, part.words);
-    }
-    (
-        assist(hiding, &plain, plain),
-        assist(hiding, &plain, done.settings),
-    )
+    assert!(done.after.load_error_n_rms <= done.before.load_error_n_rms);
+    assert!(done.corners.gain_margin_min >= done.before.gain_margin.min(GAIN_MARGIN_MIN));
+    assert!(done.corners.delay_margin_s_min >= done.before.delay_margin_s.min(DELAY_MARGIN_S_MIN));
+    done.settings
 }
 
+fn plain() -> Settings {
+    settings(&Rig::reference()).expect("settings")
+}
+
+/// One line of docs/compensation.md.
+fn told(name: &str, form: &str, size: f64, before: Errors, after: Errors) {
+    println!(
+        "| {name} {form} | {size} | {:.1} | {:.1} | {:.2} | {:.1} | {:.1} | {:.2} |",
+        before.load_n,
+        after.load_n,
+        after.load_n / before.load_n,
+        before.muscle_n,
+        after.muscle_n,
+        after.muscle_n / before.muscle_n
+    );
+}
+
+const HALVED: [&str; 3] = ["hysteresis", "valve-dead-zone", "friction"];
+/// Another course of the same noise: of 650 ticks, each with the bridge's 0.4 N, the RMS of errors
+/// of some newtons differs by less than 1 % from one to another.
+const NO_WORSE: f64 = 1.01;
+
+/// The stage with the hidden sizes, and a lead of two ticks for hold, delay and gas.
 #[test]
 fn errors_of_hidden_effects_fall_by_half() {
-    for (name, form) in [
+    let cases = [
         ("hysteresis", "play-sum"),
         ("valve-dead-zone", "sharp"),
         ("friction", "coulomb"),
-    ] {
+    ];
+    for (name, form) in cases {
         let hiding = hiding(name, form, 0.7);
-        let rig = fitted(&nearest(name, &hiding.parameters()));
-        let (before, after) = before_and_after(&hiding, &rig);
-        println!("{name} {form}: {before:.2?} {after:.2?}");
+        let hidden = hiding.parameters();
+        let number = |key: &str| hidden[key].as_f64().unwrap_or(0.0) as f32;
+        let mut values = *plain().values();
+        values.compensation = Compensation {
+            hysteresis_area_m2: number("half_width_n") / 3e5,
+            hysteresis_reach: 0.03,
+            friction_n: number("coulomb_n"),
+            friction_reach_m: 1e-3,
+            force_n_max: 100.0,
+            lead_s: 0.02,
+            dead_zone_filling_pa: number("width_pa"),
+            dead_zone_exhausting_pa: number("venting_width_pa"),
+            pressure_pa_max: 5e4,
+            ..Compensation::OFF
+        };
+        let before = assist(&hiding, &plain(), plain());
+        let after = assist(&hiding, &plain(), Settings::new(values).expect("settings"));
+        told(name, form, 0.7, before, after);
+        assert!(after.load_n <= 0.5 * before.load_n, "{name} {form}");
     }
 }
 
 #[test]
-#[ignore = "all effects: minutes without --release"]
+fn a_rig_without_an_effect_becomes_no_worse() {
+    let hiding = Hiding {
+        effect: None,
+        ..hiding("slack", "sharp", 0.0)
+    };
+    let before = assist(&hiding, &plain(), plain());
+    let after = assist(&hiding, &plain(), compensated(&Rig::reference()));
+    told("none", "", 0.0, before, after);
+    assert!(after.load_n < before.load_n && after.muscle_n < before.muscle_n);
+}
+
+fn hil_sim(folder: &Path, words: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder)
+        .args(words.split(' '))
+        .output()
+        .expect("the command runs")
+}
+
+/// The command's files; and what cannot be compensated is said: a contraction sensor's offset goes
+/// with the self-check, which takes the encoder's zero anew.
+#[test]
+fn command_writes_settings_that_read_back_and_says_what_it_leaves() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let offset = "\n[[effect]]\nname = \"contraction-sensor-offset\"\noffset = 0.01\n";
+    let rig = include_str!("../src/reference_rig.toml").to_owned() + offset;
+    std::fs::write(path.join("rig.toml"), rig).expect("written");
+    let output = hil_sim(path, "compensate --rig rig.toml --out done --json");
+    assert!(output.status.success(), "{output:?}");
+    let summary: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let part = &summary["parts"][1];
+    assert_eq!(part["name"], "contraction-sensor-offset");
+    assert_eq!(part["compensated"], false);
+    assert!(
+        path.join("done/report.html").is_file() && path.join("done/compensation.json").is_file()
+    );
+    let settings = settings_file::read(&path.join("done/settings.toml")).expect("settings");
+    let lead_s = settings.values().compensation.lead_s;
+    // Half a tick of hold at least; more than 100 ms no valve B has.
+    assert!((0.005..0.1).contains(&lead_s), "{lead_s}");
+    // They are the board's settings to begin with, whose compensation is found anew.
+    let bad = hil_sim(
+        path,
+        "compensate --rig rig.toml --settings rig.toml --out done",
+    );
+    assert_eq!(bad.status.code(), Some(2));
+    let same = hil_sim(path, "compensate --rig done/settings.toml --out done");
+    assert_eq!(same.status.code(), Some(2));
+    assert!(
+        String::from_utf8_lossy(&same.stderr).contains("another --out"),
+        "{same:?}"
+    );
+}
+
+/// Half is out of reach of a loop 60 N wide: with the whole of it, parameters off by 30 % would
+/// swing the weight, and the tool takes half.
+const NOT_HALVED: [(&str, f64); 1] = [("duhem", 1.0)];
+
+#[test]
+#[ignore = "every effect in every form, for docs/compensation.md: 6 minutes in release"]
 fn no_effect_becomes_worse() {
+    let untold = compensated(&Rig::reference());
+    let mut bad = Vec::new();
     for entry in truth::CATALOGUE {
         for form in entry.forms {
             for size in [0.4, 0.7, 1.0] {
                 let hiding = hiding(entry.name, form.name, size);
-                let rig = fitted(&nearest(entry.name, &hiding.parameters()));
-                let (before, after) = before_and_after(&hiding, &rig);
-                println!(
-                    "{} {} {size}: muscle {:.2} {:.2} ({:.2}) load {:.2} {:.2} ({:.2})",
-                    entry.name,
-                    form.name,
-                    before.muscle_n,
-                    after.muscle_n,
-                    after.muscle_n / before.muscle_n,
-                    before.load_n,
-                    after.load_n,
-                    after.load_n / before.load_n
-                );
+                let settings = match nearest(entry.name, &hiding.parameters()) {
+                    none if none.is_empty() => untold,
+                    effect => compensated(&fitted(&effect)),
+                };
+                let before = assist(&hiding, &plain(), plain());
+                let after = assist(&hiding, &plain(), settings);
+                told(entry.name, form.name, size, before, after);
+                let worse = after.load_n > NO_WORSE * before.load_n
+                    || after.muscle_n > NO_WORSE * before.muscle_n;
+                let whole = HALVED.contains(&entry.name) && after.load_n > 0.5 * before.load_n;
+                if worse || whole && !NOT_HALVED.contains(&(form.name, size)) {
+                    bad.push((entry.name, form.name, size));
+                }
             }
+        }
+    }
+    assert_eq!(bad, []);
+}
+
+/// Of the drive `parts`, what the truth's instruments tell.
+fn recorded(hiding: &Hiding, rig: &Rig, parts: &[Part], seed: u64) -> Record {
+    let limits = Limits::of(rig, 0.25).expect("limits");
+    let drive = experiment(&limits, parts).record;
+    let reference_pa = drive.require(PRESSURE_REF_PA).expect("a reference");
+    let mut noise = Pcg64Mcg::seed_from_u64(seed);
+    let (mut pressure_pa, mut contraction) = (Vec::new(), Vec::new());
+    // 12.5 µm on 0.3 m.
+    let count = 12.5e-6 / 0.3;
+    hiding.run((TICK_S, LATE_S), reference_pa.len(), |seen| {
+        let normal: f64 = StandardNormal.sample(&mut noise);
+        let row = pressure_pa.len();
+        pressure_pa.push(seen.reading.pressure_pa + 250.0 * normal);
+        contraction.push((seen.reading.contraction / count).round() * count);
+        reference_pa[row]
+    });
+    let mut record = Record::new(
+        (0..reference_pa.len())
+            .map(|row| row as f64 * TICK_S)
+            .collect(),
+    );
+    record.set(PRESSURE_REF_PA, reference_pa.to_vec());
+    record.set(PRESSURE_PA, pressure_pa);
+    record.set(CONTRACTION, contraction);
+    record
+}
+
+#[test]
+#[ignore = "diagnoses rigs, for docs/compensation.md: minutes in release"]
+fn errors_fall_by_half_after_a_diagnosis() {
+    let tolerance = "\n[tolerance.muscle]\nalpha_m2 = 0.01\ngamma_n = 0.02\n\
+         [tolerance.valve]\nflow_gain_kg_per_pa_s = 0.03\n";
+    let rig = fitted(tolerance);
+    for name in HALVED {
+        let entry = truth::CATALOGUE.iter().find(|entry| entry.name == name);
+        for form in entry.expect("an effect").forms {
+            let hiding = hiding(name, form.name, 0.7);
+            let fit = [
+                recorded(&hiding, &rig, &[Part::Triangles], 1),
+                recorded(&hiding, &rig, &[Part::Sweep], 2),
+            ];
+            let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
+            let diagnosed = diagnose(&rig, &fit, &validate, &[], |_| ()).expect("diagnosed");
+            let found = diagnosed.fitted.effects.iter();
+            let found: Vec<String> = found.map(|effect| effect.to_toml()).collect();
+            let before = assist(&hiding, &plain(), plain());
+            let after = assist(&hiding, &plain(), compensated(&diagnosed.fitted));
+            told(name, form.name, 0.7, before, after);
+            println!("{}", found.join("").replace('\n', "; "));
         }
     }
 }

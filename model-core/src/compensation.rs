@@ -174,3 +174,138 @@ pub(crate) fn limited(value: f32, magnitude: f32) -> f32 {
         value.max(-magnitude).min(magnitude)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::SettingsValues;
+    use proptest::prelude::*;
+
+    const MUSCLE: Muscle<f32> = SettingsValues::reference().muscle;
+    const EVERY_PART: Compensation = Compensation {
+        hysteresis_area_m2: 6e-5,
+        hysteresis_reach: 0.03,
+        friction_n: 8.0,
+        friction_reach_m: 1e-3,
+        payload_kg: 1.0,
+        force_n_max: 40.0,
+        lead_s: 0.02,
+        dead_zone_filling_pa: 8e3,
+        dead_zone_exhausting_pa: 4e3,
+        pressure_pa_max: 5e4,
+    };
+
+    /// After a way through these contractions.
+    fn after(values: &Compensation, way: &[f32]) -> Memory {
+        let mut memory = Memory::default();
+        for contraction in way {
+            memory.follow(values, &MUSCLE, *contraction);
+        }
+        memory
+    }
+
+    /// Within what f32 leaves of a contraction of 0.2 over an element's reach, 1e-5 of 18 N.
+    fn close(a: f32, b: f32) -> bool {
+        (a - b).abs() < 1e-3
+    }
+
+    fn hysteresis_n(way: &[f32]) -> f32 {
+        after(&EVERY_PART, way).hysteresis_n(&EVERY_PART, GaugePa(3e5))
+    }
+
+    #[test]
+    fn off_it_does_nothing() {
+        let mut memory = after(&Compensation::OFF, &[0.0, 0.2, 0.1]);
+        assert_eq!(memory.load_n(&Compensation::OFF, &MUSCLE), 0.0);
+        assert_eq!(memory.hysteresis_n(&Compensation::OFF, GaugePa(3e5)), 0.0);
+        for law_pa in [0.0, 1e5, 3e5] {
+            let asked_pa = memory.pressure_pa(&Compensation::OFF, law_pa, GaugePa(2e5));
+            assert_eq!(asked_pa, law_pa);
+        }
+    }
+
+    /// 6e-5 m² at 300 kPa are 18 N either way; whole after the reach from rest, turned after twice
+    /// the reach.
+    #[test]
+    fn hysteresis_is_a_loop_that_closes() {
+        assert!(close(hysteresis_n(&[0.0, 0.03]), 18.0));
+        assert!(close(hysteresis_n(&[0.0, 0.2, 0.14]), -18.0));
+        // A minor loop comes back to where it began.
+        let major = [0.0, 0.2, 0.15];
+        let minor = [0.0, 0.2, 0.15, 0.16, 0.15];
+        assert!(close(hysteresis_n(&major), hysteresis_n(&minor)));
+        // Nothing without pressure, and none from a vacuum that a sensor makes up.
+        let memory = after(&EVERY_PART, &major);
+        assert_eq!(memory.hysteresis_n(&EVERY_PART, GaugePa(-1e5)), 0.0);
+    }
+
+    #[test]
+    fn friction_keeps_its_direction_at_rest_and_does_not_flicker() {
+        let load_n = |way: &[f32]| after(&EVERY_PART, way).load_n(&EVERY_PART, &MUSCLE);
+        let payload_n = 9.80665;
+        assert!(close(load_n(&[0.0, 0.1, 0.1, 0.1]), 8.0 + payload_n));
+        assert!(close(load_n(&[0.0, 0.1, 0.05]), -8.0 + payload_n));
+        // Up and down by one of the encoder's counts, 12.5 µm of the reach's 1 mm.
+        let count = 12.5e-6 / 0.3;
+        let flicker_n = load_n(&[0.0, 0.1]) - load_n(&[0.0, 0.1, 0.1 - count]);
+        assert!((flicker_n - 8.0 * 0.0125).abs() < 1e-3, "{flicker_n}");
+    }
+
+    /// A ramp of 100 kPa/s is asked for 20 ms, 2 kPa, ahead; the dead zone's whole width from a
+    /// quarter of it on.
+    #[test]
+    fn pressure_is_asked_for_ahead_and_beyond_the_dead_zone() {
+        let lead = Compensation {
+            dead_zone_filling_pa: 0.0,
+            dead_zone_exhausting_pa: 0.0,
+            ..EVERY_PART
+        };
+        let mut memory = Memory::default();
+        let ahead_pa = |tick: u8| {
+            let law_pa = 2e5 + 1e3 * f32::from(tick);
+            memory.pressure_pa(&lead, law_pa, GaugePa(law_pa)) - law_pa
+        };
+        let ahead_pa: Vec<f32> = (0..3).map(ahead_pa).collect();
+        assert_eq!(ahead_pa[0], 0.0);
+        assert!((ahead_pa[2] - 2e3).abs() < 1.0, "{ahead_pa:?}");
+        let beyond_pa = |error_pa: f32| {
+            let asked_pa = Memory::default().pressure_pa(&EVERY_PART, 2e5, GaugePa(2e5 - error_pa));
+            asked_pa - 2e5
+        };
+        assert_eq!(
+            [2e3, 1e4, -1e3, -1e4].map(beyond_pa),
+            [8e3, 8e3, -4e3, -4e3]
+        );
+        assert_eq!([1e3, 0.0, -500.0].map(beyond_pa), [4e3, 0.0, -2e3]);
+    }
+
+    /// Any number, and those that are none.
+    fn any() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            proptest::num::f32::ANY,
+            Just(f32::NAN),
+            Just(f32::INFINITY),
+            -1e6_f32..1e6,
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn every_input_gives_a_bounded_output(
+            way in proptest::collection::vec(any(), 1..8),
+            pressures in proptest::collection::vec((0.0_f32..5e5, any()), 1..8),
+        ) {
+            let values = &Compensation { force_n_max: 10.0, ..EVERY_PART };
+            let mut memory = after(values, &way);
+            let force_n_max = values.force_n_max;
+            prop_assert!(memory.load_n(values, &MUSCLE).abs() <= force_n_max);
+            for (law_pa, pressure_pa) in pressures {
+                let pressure = GaugePa(pressure_pa);
+                prop_assert!(memory.hysteresis_n(values, pressure).abs() <= force_n_max);
+                let asked_pa = memory.pressure_pa(values, law_pa, pressure);
+                // Half a pascal for the rounding of f32.
+                prop_assert!((asked_pa - law_pa).abs() <= values.pressure_pa_max + 0.5);
+            }
+        }
+    }
+}

@@ -3,10 +3,12 @@
 
 use crate::rig::{MS, Rig};
 use crate::timing::ticks;
+use model_core::compensation::Compensation;
 use model_core::device::{Command, SimulatedSensors};
 use model_core::frame::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
+use model_core::supervisor::Mode;
 
 /// 1 % of 10 ms at 180 MHz; an instruction takes one cycle at least.
 const INSTRUCTIONS_MAX: u64 = 18_000;
@@ -60,6 +62,48 @@ fn keep_busy(rig: &mut Rig) {
         rig.send(&ToDevice::ReadSettings);
         rig.run_ms(10);
     }
+}
+
+/// A vented muscle at rest with a finger's noise, assisted: Eq 8 and all around it.
+fn assisting(compensation: Compensation) -> Option<u64> {
+    let mut rig = Rig::after_ms(15)?;
+    let values = SettingsValues {
+        compensation,
+        ..SettingsValues::reference()
+    };
+    rig.send(&ToDevice::WriteSettings(values));
+    rig.run_ms(1_500);
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(100);
+    rig.board.exceptions();
+    rig.board.trace_exceptions(true);
+    rig.run_ms(1_000);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Assisting);
+    let ticks = ticks(&rig.board.exceptions());
+    rig.assert_no_errors();
+    ticks.iter().map(|tick| tick.instructions).max()
+}
+
+#[test]
+fn compensation_keeps_the_tick_within_its_budget() {
+    let every_part = Compensation {
+        hysteresis_area_m2: 6e-5,
+        hysteresis_reach: 0.03,
+        friction_n: 8.0,
+        friction_reach_m: 1e-3,
+        payload_kg: 1.0,
+        force_n_max: 40.0,
+        lead_s: 0.02,
+        dead_zone_filling_pa: 8e3,
+        dead_zone_exhausting_pa: 8e3,
+        pressure_pa_max: 5e4,
+    };
+    let (Some(plain), Some(compensated)) = (assisting(Compensation::OFF), assisting(every_part))
+    else {
+        return;
+    };
+    println!("tick   {plain:6} instructions assisting, {compensated} with every compensation");
+    assert!(compensated < INSTRUCTIONS_MAX);
 }
 
 #[test]
