@@ -42,7 +42,7 @@ const GAIN_MARGIN_MAX: f64 = 4.0;
 const DELAY_MARGIN_S_MAX: f64 = 0.1;
 /// A weight that is held and moves by more about its drift swings \[m\]: less than is felt.
 const SWING_M_MAX: f64 = 3e-4;
-/// Way over which the friction of a load without pre-sliding turns \[m\]: 80 of the encoder's counts.
+/// Way over which friction without pre-sliding is made to turn \[m\]: 80 of the encoder's counts.
 const FRICTION_REACH_M: f64 = 1e-3;
 /// Leads are tried in these steps \[s\], so many: to 120 ms.
 const LEAD_STEP_S: f64 = 2.5e-3;
@@ -595,8 +595,8 @@ fn loop_of(bench: &Bench) -> Result<(f64, f64), BadInput> {
     Ok(best.map_or((0.0, 0.0), |(_, area_m2, reach)| (area_m2, reach)))
 }
 
-/// The lead that leaves least of F_c − F \[s\], beside what is `kept`: the rig's whole lag, of hold,
-/// delay, valve and gas.
+/// The lead that leaves least of F_c − F \[s\], beside what is `kept`: the rig's whole lag, of
+/// hold, delay, valve and gas.
 fn lag_s(bench: &Bench, kept: &Sizes) -> f64 {
     let error_n = |lead_s: f64| {
         let mut sizes = *kept;

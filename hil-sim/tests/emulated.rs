@@ -123,8 +123,8 @@ fn an_experiment_is_played_on_the_firmware() {
     assert_eq!(result["replay"]["differing_ticks"], 0);
 }
 
-/// The whole path: a hidden effect, the experiment, its record, the diagnosis, the settings, and the
-/// assistance that is better for them.
+/// The whole path: a hidden effect, the experiment, its record, the diagnosis, the settings, and
+/// the assistance that is better for them.
 #[test]
 #[ignore = "diagnoses a rig: minutes in release"]
 fn what_a_record_of_the_firmware_tells_makes_it_better() {
@@ -148,9 +148,10 @@ fn what_a_record_of_the_firmware_tells_makes_it_better() {
         ));
         assert_eq!(played["played"], "played to its end");
     }
-    let diagnosis = run(
-        "diagnose --rig nominal.toml --fit triangles.csv --validate sweep.csv --out diagnosis --json",
-    );
+    let records = "--fit triangles.csv --validate sweep.csv";
+    let diagnosis = run(&format!(
+        "diagnose --rig nominal.toml {records} --out diagnosis --json"
+    ));
     assert_eq!(diagnosis["effects"][0]["name"], "hysteresis", "{diagnosis}");
     run("compensate --rig diagnosis/rig.fitted.toml --out compensation --json");
     let plain = run("hil --rig hidden.toml --out plain --json");

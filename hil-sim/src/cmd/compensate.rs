@@ -103,8 +103,8 @@ fn verdict(done: &Compensated) -> Vec<String> {
     }
     vec![
         format!(
-            "Compensated: {}. What the load lacks of K F_b falls from {:.1} to {:.1} N RMS, F_c − F \
-             of the muscle from {:.1} to {:.1} N.",
+            "Compensated: {}. What the load lacks of K F_b falls from {:.1} to {:.1} N RMS, \
+             F_c − F of the muscle from {:.1} to {:.1} N.",
             compensated.join(", "),
             before.load_error_n_rms,
             after.load_error_n_rms,
@@ -113,7 +113,8 @@ fn verdict(done: &Compensated) -> Vec<String> {
         ),
         format!(
             "With each parameter off by {:.0} %, {} ways: gain margin at least {:.1} (without \
-             compensation {:.1}), delay margin at least {:.0} ms ({:.0} ms), and at most {:.1} N RMS.",
+             compensation {:.1}), delay margin at least {:.0} ms ({:.0} ms), and at most \
+             {:.1} N RMS.",
             100.0 * OFF_BY,
             corners.count,
             corners.gain_margin_min,
