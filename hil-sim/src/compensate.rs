@@ -21,7 +21,7 @@ use std::ops::Range;
 
 /// What every parameter may be off by, relatively.
 pub const OFF_BY: f64 = 0.3;
-/// Shares of what was found that are tried, the first that holds is taken. With the first, a size
+/// Shares of what was found that are tried, the best that holds is taken. With the second, a size
 /// that was found too large by [`OFF_BY`] is compensated in full and not beyond.
 const SHARES: [f64; 4] = [1.0, 1.0 / (1.0 + OFF_BY), 0.5, 0.3];
 /// A part is worth having if the error falls to this share of what it was without it.
@@ -51,17 +51,8 @@ const LEAD_STEPS: u32 = 48;
 /// Ticks about a tick over which a force is averaged to see its ripple.
 const RIPPLE_TICKS: usize = 5;
 
-/// A number that the compensation is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Quantity {
-    /// Its name; the unit is part of it.
-    pub name: &'static str,
-    /// What is taken of it.
-    taken: Taken,
-}
-
 /// What is taken of what was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy)]
 enum Taken {
     /// A share: of a size, what is too much feeds the motion.
     Share,
@@ -69,10 +60,6 @@ enum Taken {
     More,
     /// As it is.
     Whole,
-}
-
-const fn quantity(name: &'static str, taken: Taken) -> Quantity {
-    Quantity { name, taken }
 }
 
 const HYSTERESIS_AREA: usize = 0;
@@ -86,30 +73,30 @@ const LEAD: usize = 7;
 const SENSOR_OFFSET: usize = 8;
 const SENSOR_GAIN: usize = 9;
 
-/// All of them.
-pub const QUANTITIES: [Quantity; 10] = [
-    quantity("hysteresis_area_m2", Taken::Share),
-    quantity("hysteresis_reach", Taken::More),
-    quantity("friction_n", Taken::Share),
-    quantity("friction_reach_m", Taken::More),
-    quantity("payload_kg", Taken::Share),
-    quantity("dead_zone_filling_pa", Taken::Share),
-    quantity("dead_zone_exhausting_pa", Taken::Share),
-    quantity("lead_s", Taken::Share),
-    quantity("pressure_sensor_offset_pa", Taken::Whole),
-    quantity("pressure_sensor_gain_error", Taken::Whole),
+/// For each of the above.
+const TAKEN: [Taken; 10] = [
+    Taken::Share,
+    Taken::More,
+    Taken::Share,
+    Taken::More,
+    Taken::Share,
+    Taken::Share,
+    Taken::Share,
+    Taken::Share,
+    Taken::Whole,
+    Taken::Whole,
 ];
 
-/// Values of [`QUANTITIES`]; 0: not compensated.
+/// A value for each of the above, in the settings' units; 0: not compensated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Sizes([f64; QUANTITIES.len()]);
+struct Sizes([f64; TAKEN.len()]);
 
 impl Sizes {
     /// These with the others in place of those that are 0.
     fn with(mut self, others: &Sizes, share: f64) -> Sizes {
-        for ((value, other), quantity) in self.0.iter_mut().zip(others.0).zip(QUANTITIES) {
+        for ((value, other), taken) in self.0.iter_mut().zip(others.0).zip(TAKEN) {
             if other != 0.0 {
-                *value = match quantity.taken {
+                *value = match taken {
                     Taken::Share => share * other,
                     Taken::More => other / (1.0 - OFF_BY),
                     Taken::Whole => other,
@@ -149,9 +136,7 @@ impl Sizes {
 
     /// All that these are with every value off by [`OFF_BY`], up or down.
     fn corners(&self) -> Vec<Sizes> {
-        let active: Vec<usize> = (0..QUANTITIES.len())
-            .filter(|i| self.0[*i] != 0.0)
-            .collect();
+        let active: Vec<usize> = (0..TAKEN.len()).filter(|i| self.0[*i] != 0.0).collect();
         let corner = |bits: usize| {
             let mut corner = *self;
             for (bit, index) in active.iter().enumerate() {
