@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod closed_loop;
+pub mod compensate;
 pub mod design;
 pub mod design_report;
 pub mod diagnose;
@@ -27,4 +28,5 @@ pub mod report;
 pub mod rig;
 pub mod screen;
 pub mod serial;
+pub mod settings_file;
 pub mod simulate;

@@ -57,6 +57,10 @@ enum Command {
     Simulate(cmd::simulate::Args),
     /// Find where simulation and measurement disagree, and name the missing effect
     Diagnose(cmd::diagnose::Args),
+    /// Turn a fitted rig into the controller's settings, proved in the closed loop
+    Compensate(cmd::compensate::Args),
+    /// Read a board's settings, or store others on it
+    Settings(cmd::settings::Args),
     /// Rig files
     Rig(cmd::rig::Args),
     /// Shell completions
@@ -111,6 +115,8 @@ fn main() -> ExitCode {
         Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
+        Some(Command::Compensate(args)) => cmd::compensate::run(&args),
+        Some(Command::Settings(args)) => cmd::settings::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

@@ -227,13 +227,8 @@ pub struct OnBoard<'a, P> {
 
 impl<P: Port> Replayer for OnBoard<'_, P> {
     fn begin(&mut self, settings: &Settings) -> Result<(), Error> {
-        let values = self.client.settings()?;
-        if values != *settings.values() {
-            if !self.may_write_settings {
-                return Err(other_settings(self.port, "the record").into());
-            }
-            self.client.write_settings(settings.values())?;
-        }
+        let may_write = self.may_write_settings;
+        store(self.client, *settings, self.port, "the record", may_write)?;
         self.client.begin_anew()?;
         Ok(())
     }
@@ -262,11 +257,24 @@ pub fn settle<P: Port>(
     port: &str,
     may_write_settings: bool,
 ) -> Result<Settings, Error> {
-    let values = client.settings()?;
-    let wanted = settings_with(rig, &values)?;
-    if *wanted.values() != values {
+    let wanted = settings_with(rig, &client.settings()?)?;
+    store(client, wanted, port, "the rig", may_write_settings)
+}
+
+/// The settings that are `wanted`, stored on the board if it has others; `whose` in words.
+///
+/// # Errors
+/// They are others, and may not be stored.
+pub fn store<P: Port>(
+    client: &mut Client<P>,
+    wanted: Settings,
+    port: &str,
+    whose: &str,
+    may_write_settings: bool,
+) -> Result<Settings, Error> {
+    if *wanted.values() != client.settings()? {
         if !may_write_settings {
-            return Err(other_settings(port, "the rig").into());
+            return Err(other_settings(port, whose).into());
         }
         client.write_settings(wanted.values())?;
     }

@@ -123,6 +123,51 @@ fn an_experiment_is_played_on_the_firmware() {
     assert_eq!(result["replay"]["differing_ticks"], 0);
 }
 
+/// The whole path: a hidden effect, the experiment, its record, the diagnosis, the settings, and
+/// the assistance that is better for them.
+#[test]
+#[ignore = "diagnoses a rig: minutes in release"]
+fn what_a_record_of_the_firmware_tells_makes_it_better() {
+    if !is_there("what_a_record_of_the_firmware_tells_makes_it_better") {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let nominal = include_str!("../src/reference_rig.toml").to_owned();
+    let hidden = "[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 20.0\n\
+         reach = 0.015\nsharpness = 1.5\n";
+    std::fs::write(path.join("nominal.toml"), &nominal).expect("written");
+    std::fs::write(path.join("hidden.toml"), nominal + hidden).expect("written");
+    let run = |words: &str| json(path, &words.split(' ').collect::<Vec<_>>());
+    for part in ["triangles", "sweep"] {
+        run(&format!(
+            "experiment --rig nominal.toml --out {part}.exp.csv --part {part} --json"
+        ));
+        let played = run(&format!(
+            "record --emulated hidden.toml --play {part}.exp.csv --out {part}.csv --json"
+        ));
+        assert_eq!(played["played"], "played to its end");
+    }
+    let records = "--fit triangles.csv --validate sweep.csv";
+    let diagnosis = run(&format!(
+        "diagnose --rig nominal.toml {records} --out diagnosis --json"
+    ));
+    assert_eq!(diagnosis["effects"][0]["name"], "hysteresis", "{diagnosis}");
+    run("compensate --rig diagnosis/rig.fitted.toml --out compensation --json");
+    let plain = run("hil --rig hidden.toml --out plain --json");
+    let settings = "--settings compensation/settings.toml --write-settings";
+    let better = run(&format!(
+        "hil --rig hidden.toml {settings} --out better --json"
+    ));
+    let [plain_n, better_n] = [&plain, &better].map(|done| {
+        let run = &done["runs"][0];
+        assert_eq!(run["differing_ticks"], 0);
+        run["tracking"]["error_n_rms"].as_f64().expect("a number")
+    });
+    println!("RMS of F_c − F on the board: {plain_n:.1} N plain, {better_n:.1} N compensated");
+    assert!(better_n <= 0.5 * plain_n, "{plain_n} N, then {better_n} N");
+}
+
 /// The long one: a thousand seconds recorded with the firmware, replayed on the PC.
 #[test]
 fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {

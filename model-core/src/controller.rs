@@ -8,6 +8,7 @@
 //! Signs: forces lift, contraction shortens the muscle, pressure is gauge.
 
 use crate::assist::reference_force_n;
+use crate::compensation::{Memory, limited};
 use crate::consistency::{ForceBalance, PressureFollower};
 use crate::frame::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
@@ -72,6 +73,8 @@ pub struct State {
     pub follower: PressureFollower,
     /// Do the forces fit?
     pub balance: ForceBalance,
+    /// The compensation's.
+    pub compensation: Memory,
 }
 
 /// The controller: settings and state, each safe from a flipped bit.
@@ -203,9 +206,14 @@ fn tick(
         state.bridge.value() - state.tare_n,
         values.finger_force_n_max,
     );
-    let reference_force_n = reference_force_n(values.gain, finger_force_n);
+    let compensation = &values.compensation;
+    let memory = &mut state.compensation;
+    memory.follow(compensation, &values.muscle, contraction);
+    let reference_force_n = reference_force_n(values.gain, finger_force_n)
+        + memory.load_n(compensation, &values.muscle);
+    let pressure = GaugePa(state.pressure.value());
     let target = Target {
-        force_n: reference_force_n,
+        force_n: reference_force_n + memory.hysteresis_n(compensation, pressure),
         contraction,
     };
     state.pressure_ref_pa = next_reference_pa(settings, state, &target, switches);
@@ -426,6 +434,7 @@ fn enter(values: &SettingsValues, state: &mut State, mode: Mode) {
         _ => {}
     }
     state.bridging = false;
+    state.compensation.begin();
     state.mode = mode;
     state.mode_ticks = 0;
     state.pressure_ref_pa = limited_pa(values, state.pressure_ref_pa);
@@ -497,22 +506,15 @@ fn next_reference_pa(
             } else {
                 moving_pa_per_s.min(values.engage_rate_pa_per_s)
             };
-            let way_pa = way_pa(law.0);
+            let pressure = GaugePa(state.pressure.value());
+            let memory = &mut state.compensation;
+            let way_pa = way_pa(memory.pressure_pa(&values.compensation, law.0, pressure));
             let step_pa = limited(way_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == way_pa;
             now_pa + step_pa
         }
     };
     limited_pa(values, next_pa)
-}
-
-/// `value` limited to ±`magnitude`; zero for NaN.
-fn limited(value: f32, magnitude: f32) -> f32 {
-    if value.is_nan() {
-        0.0
-    } else {
-        value.max(-magnitude).min(magnitude)
-    }
 }
 
 /// A reference within its limits; zero for NaN.

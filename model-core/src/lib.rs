@@ -26,6 +26,7 @@
 )]
 
 pub mod assist;
+pub mod compensation;
 pub mod consistency;
 pub mod controller;
 pub mod device;

@@ -69,4 +69,14 @@ pub const LIMITS: &[Limit] = limits! {
     missed_ticks_max: 0.0, 10.0, "up to a tenth of a second blind";
     self_check_ticks: 10.0, 1000.0, "0.1 to 10 s";
     self_check_ticks_max: 10.0, 65535.0, "at least self_check_ticks";
+    compensation.hysteresis_area_m2: 0.0, 5e-4, "150 N at 300 kPa, above any muscle's loop";
+    compensation.hysteresis_reach: 0.0, 0.5, "0: none; the muscle's whole stroke";
+    compensation.friction_n: 0.0, 50.0, "a bearing, not a brake";
+    compensation.friction_reach_m: 0.0, 0.01, "0: none; as far as a lever is felt to move";
+    compensation.payload_kg: -10.0, 10.0, "a tool, not another load";
+    compensation.force_n_max: 0.0, 200.0, "below what lifts anything by itself";
+    compensation.lead_s: 0.0, 0.2, "a slower valve does not assist";
+    compensation.dead_zone_filling_pa: 0.0, 3e4, "twice what a spool overlaps";
+    compensation.dead_zone_exhausting_pa: 0.0, 3e4, "twice what a spool overlaps";
+    compensation.pressure_pa_max: 0.0, 1e5, "a fifth of the supply's";
 };

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages: it rises with every change of one, settings included, be it a fault
 /// that is added at the end. `hil-sim/tests/link_format.rs` watches.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 

@@ -1,5 +1,6 @@
 //! The controller's settings: one struct that is valid once it exists.
 
+use crate::compensation::Compensation;
 use crate::error::SettingsError;
 use crate::limits::LIMITS;
 use crate::muscle::Muscle;
@@ -9,7 +10,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
 /// Version of [`SettingsValues`]: it changes with every change of the struct.
-pub const VERSION: u16 = 2;
+pub const VERSION: u16 = 3;
 /// A buffer of this size holds any encoded settings.
 pub const ENCODED_LEN_MAX: usize = 256;
 /// Period of the tick \[s\], the paper's sampling time.
@@ -97,6 +98,8 @@ pub struct SettingsValues {
     pub self_check_ticks: u16,
     /// The self-check gives up after so many ticks.
     pub self_check_ticks_max: u16,
+    /// Of what the rig does beside the paper's equations.
+    pub compensation: Compensation,
 }
 
 impl SettingsValues {
@@ -155,6 +158,7 @@ impl SettingsValues {
             missed_ticks_max: 2,
             self_check_ticks: 50,
             self_check_ticks_max: 500,
+            compensation: Compensation::OFF,
         }
     }
 

@@ -1,5 +1,6 @@
 //! The controller over its whole input range, and through each of its modes.
 
+use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::error::SettingsError;
 use model_core::frame::{Output, Request, Sensors};
@@ -740,7 +741,21 @@ fn settings_survive_a_round_trip_and_no_flipped_bit_or_cut_does() {
     }
 }
 
-/// The reference with one value's bytes replaced by any others.
+/// As much compensation as the limits allow.
+const COMPENSATION_MOST: Compensation = Compensation {
+    hysteresis_area_m2: 5e-4,
+    hysteresis_reach: 1e-3,
+    friction_n: 50.0,
+    friction_reach_m: 1e-5,
+    payload_kg: 10.0,
+    force_n_max: 200.0,
+    lead_s: 0.2,
+    dead_zone_filling_pa: 3e4,
+    dead_zone_exhausting_pa: 3e4,
+    pressure_pa_max: 1e5,
+};
+
+/// The reference with one value's bytes replaced by any others, with and without compensation.
 fn any_settings() -> impl Strategy<Value = SettingsValues> {
     let mut buffer = [0; ENCODED_LEN_MAX];
     let bytes = postcard::to_slice(&that_play(), &mut buffer).expect("it fits");
@@ -753,10 +768,16 @@ fn any_settings() -> impl Strategy<Value = SettingsValues> {
         Just(f32::INFINITY.to_bits()),
     ];
     // 33 floats come first, four bytes each.
-    (0..33_usize, special).prop_filter_map("not settings", move |(place, bits)| {
+    let compensation = prop_oneof![Just(Compensation::OFF), Just(COMPENSATION_MOST)];
+    let parts = (0..33_usize, special, compensation);
+    parts.prop_filter_map("not settings", move |(place, bits, compensation)| {
         let mut bytes = bytes.clone();
         bytes[4 * place..4 * place + 4].copy_from_slice(&bits.to_le_bytes());
-        postcard::from_bytes(&bytes).ok()
+        let values: SettingsValues = postcard::from_bytes(&bytes).ok()?;
+        Some(SettingsValues {
+            compensation,
+            ..values
+        })
     })
 }
 

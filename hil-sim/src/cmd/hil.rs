@@ -9,11 +9,13 @@ use hil_sim::hil::{self, BoardReport, Job};
 use hil_sim::paper::{AssistRun, assist_plots, tracking_table, valves};
 use hil_sim::record::Record;
 use hil_sim::recorder::Recorder;
-use hil_sim::replay::{Inputs, OnPc, replay, settle};
+use hil_sim::replay::{Inputs, OnPc, replay, settle, store};
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::screen::{self, View};
+use hil_sim::settings_file;
 use serde::Serialize;
 use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -44,6 +46,9 @@ pub struct Args {
     /// Store the rig's muscle, gain and supply on the board if it has others
     #[arg(long)]
     write_settings: bool,
+    /// The board's settings, in place of those that follow from the rig (see `hil-sim settings`)
+    #[arg(long, value_name = "FILE")]
+    settings: Option<PathBuf>,
     /// No screen, only words
     #[arg(long)]
     no_screen: bool,
@@ -93,7 +98,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     eprintln!("seed: {}", args.scenario.seed);
     eprintln!("board: {words}");
     let may_write = args.write_settings || args.port.is_none();
-    let settings = settle(&mut board.line, &rigs[0].1, &board.port, may_write)?;
+    let settings = match &args.settings {
+        Some(file) => {
+            let wanted = settings_file::read(file)?;
+            store(&mut board.line, wanted, &board.port, "the file", may_write)?
+        }
+        None => settle(&mut board.line, &rigs[0].1, &board.port, may_write)?,
+    };
     let with_screen = !args.no_screen && std::io::stderr().is_terminal();
     let view = Mutex::new(View::new(&words, board.identity.cpu_hz));
     let jobs: Vec<(&str, Job)> = rigs

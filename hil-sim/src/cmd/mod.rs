@@ -2,6 +2,7 @@
 
 pub mod board;
 pub mod check;
+pub mod compensate;
 pub mod completions;
 pub mod design;
 pub mod diagnose;
@@ -14,6 +15,7 @@ pub mod record;
 pub mod replay;
 pub mod rig;
 pub mod run;
+pub mod settings;
 pub mod simulate;
 
 use crate::Failure;

@@ -31,6 +31,7 @@ mod case;
 mod drive;
 mod effects;
 mod hidden;
+mod live;
 mod machine;
 mod record;
 mod rig;
@@ -39,5 +40,7 @@ mod tests;
 
 pub use case::{Case, Kind, Plan, Planned, case, plan};
 pub use effects::{CATALOGUE, Entry, Form};
+pub use hidden::Reading;
+pub use live::{Hiding, Seen};
 pub use record::{Sensor, Sensors};
 pub use rig::Rig;

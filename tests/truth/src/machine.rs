@@ -300,14 +300,20 @@ impl<'a> Machine<'a> {
         self.accept(left_s, x);
     }
 
-    /// What the sensors show without noise.
-    pub(crate) fn reading(&self) -> Reading {
+    /// What is.
+    pub(crate) fn truth(&self) -> Reading {
         let now = self.balance().now;
-        let mut reading = Reading {
+        Reading {
             pressure_pa: now.pressure_pa,
             contraction: now.contraction,
             force_n: now.force_n,
-        };
+        }
+    }
+
+    /// What the sensors show without noise.
+    pub(crate) fn reading(&self) -> Reading {
+        let now = self.balance().now;
+        let mut reading = self.truth();
         for (effect, a, b) in &self.hidden {
             effect.read(&mut reading, &now, &self.x[*a..*b]);
         }

@@ -3,10 +3,12 @@
 
 use crate::rig::{MS, Rig};
 use crate::timing::ticks;
+use model_core::compensation::Compensation;
 use model_core::device::{Command, SimulatedSensors};
 use model_core::frame::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
+use model_core::supervisor::Mode;
 
 /// 1 % of 10 ms at 180 MHz; an instruction takes one cycle at least.
 const INSTRUCTIONS_MAX: u64 = 18_000;
@@ -62,6 +64,41 @@ fn keep_busy(rig: &mut Rig) {
     }
 }
 
+/// Every part of it, each of a usual size.
+const COMPENSATION: Compensation = Compensation {
+    hysteresis_area_m2: 6e-5,
+    hysteresis_reach: 0.03,
+    friction_n: 8.0,
+    friction_reach_m: 1e-3,
+    payload_kg: 1.0,
+    force_n_max: 40.0,
+    lead_s: 0.02,
+    dead_zone_filling_pa: 8e3,
+    dead_zone_exhausting_pa: 8e3,
+    pressure_pa_max: 5e4,
+};
+
+/// Instructions of the longest tick of a vented muscle that is assisted at rest: Eq 8 and all
+/// around it.
+fn assisting(compensation: Compensation) -> Option<u64> {
+    let mut rig = Rig::after_ms(15)?;
+    let values = SettingsValues {
+        compensation,
+        ..SettingsValues::reference()
+    };
+    rig.send(&ToDevice::WriteSettings(values));
+    rig.run_ms(1_500);
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(100);
+    rig.board.exceptions();
+    rig.board.trace_exceptions(true);
+    rig.run_ms(1_000);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Assisting);
+    let ticks = ticks(&rig.board.exceptions());
+    rig.assert_no_errors();
+    ticks.iter().map(|tick| tick.instructions).max()
+}
+
 #[test]
 fn tick_and_stack_keep_within_their_budgets() {
     let Some(mut rig) = Rig::after_ms(15) else {
@@ -87,6 +124,10 @@ fn tick_and_stack_keep_within_their_budgets() {
         usual as f64 / 18_000.0
     );
     assert!(usual < busy && busy < INSTRUCTIONS_MAX);
+    let [plain, compensated] = [Compensation::OFF, COMPENSATION].map(assisting);
+    let (plain, compensated) = (plain.expect("ticks"), compensated.expect("ticks"));
+    println!("tick   {plain:6} instructions assisting, {compensated} with every compensation");
+    assert!(compensated < INSTRUCTIONS_MAX);
 
     // The link's turn and the tick have been at their deepest, if not at once: then it were less
     // than twice as much.

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::{Rig, frictionless, holds, pieces};
+use super::{PERIOD_S, Rig, draw, forms, frictionless, holds, near, pieces, with};
+use crate::Hiding;
 use crate::effects::CATALOGUE;
 use crate::hidden::{Hidden, Reading};
 use crate::machine::{
@@ -162,5 +163,34 @@ fn halving_the_step_changes_less_than_the_noise_whatever_the_effect() {
     for (effect, form, whole, half) in &all {
         let worst = worst(whole, half);
         assert!(worst < 0.5, "{effect} {form}: {worst}");
+    }
+}
+
+/// A controller that only plays a drive is shown what the drive's record tells.
+#[test]
+fn rig_in_the_loop_is_the_rig_of_the_records() {
+    let rig = Rig::default();
+    let effect = ("transport-delay", "pure");
+    let form = forms(effect.0).iter().find(|form| form.name == effect.1);
+    let hiding = Hiding {
+        rig: &rig,
+        effect: form.map(|form| (form, 0.5)),
+        seed: 11,
+    };
+    let run = pieces(&[(0.5, 0.0, 0.0), (1.0, 2.0e5, 3.0e5)]);
+    let recorded = with(
+        &run,
+        &rig,
+        &draw(hiding.effect.expect("a form").0, 0.5, &rig),
+    );
+    let mut seen = Vec::new();
+    hiding.run((PERIOD_S, 0.0), recorded.len(), |now| {
+        seen.push(now.reading);
+        run.drive.at(now.time_s)
+    });
+    for (a, b) in recorded.iter().zip(&seen) {
+        // The rest before a record's first sample is nothing but rounding.
+        near(a.pressure_pa, b.pressure_pa, 1e-3);
+        near(a.contraction, b.contraction, 1e-9);
     }
 }

@@ -1,0 +1,42 @@
+//! `hil-sim settings`.
+
+use super::board::connect;
+use crate::Failure;
+use hil_sim::output::write_atomically;
+use hil_sim::settings_file;
+use std::path::PathBuf;
+
+/// Read a board's settings, or store others on it
+///
+/// As TOML. Without --out they are printed.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Examples:
+  hil-sim settings --port /dev/ttyACM0 --out board.toml
+  hil-sim settings --port /dev/ttyACM0 --write compensation/settings.toml")]
+pub struct Args {
+    /// The board's serial port; the emulated board if left out
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// Store these settings on the board; it refuses while it assists
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+    /// The file to write those of the board to
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let wanted = args.write.as_deref().map(settings_file::read).transpose()?;
+    let mut board = connect(args.port.as_deref())?;
+    if let Some(wanted) = wanted {
+        board.line.write_settings(wanted.values())?;
+    }
+    let text = settings_file::to_toml(&board.line.settings()?);
+    match &args.out {
+        Some(path) => write_atomically(path, text.as_bytes())?,
+        None => super::print(&text)?,
+    }
+    Ok(())
+}
