@@ -375,7 +375,7 @@ fn errors_fall_by_half_after_a_diagnosis() {
                 recorded(&hiding, &rig, &[Part::Sweep], 2),
             ];
             let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
-            let diagnosed = diagnose(&rig, &fit, &validate, &[], |_| ()).expect("diagnosed");
+            let diagnosed = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("diagnosed");
             let found = diagnosed.fitted.effects.iter();
             let found: Vec<String> = found.map(|effect| effect.to_toml()).collect();
             let before = assist(&hiding, &plain(), plain());

@@ -232,8 +232,8 @@ const TIGHT: Goal = Goal {
 /// How often the slopes with nominal values serve on the way to a comparison: they are most of the
 /// work, and hardly change.
 const REUSES: usize = 3;
-/// Share of its noise by which every residual may be off the same way, as inputs are known at samples
-/// only: of a pressure with 250 Pa of noise, 8 Pa were seen.
+/// Share of its noise by which every residual may be off the same way, as inputs are known at
+/// samples only: of a pressure with 250 Pa of noise, 8 Pa were seen.
 const SYSTEMATIC: f64 = 0.04;
 /// Stretches of time into which a record is cut for the scatter of its residuals.
 const CLUSTERS: usize = 20;

@@ -116,8 +116,8 @@ struct Prepared {
     warnings: Vec<String>,
 }
 
-/// Which way the muscle surely takes an encoder with play along: +1, −1, or 0 where it may not. From
-/// one row to the next, or over more where the motion is slow.
+/// Which way the muscle surely takes an encoder with play along: +1, −1, or 0 where it may not.
+/// From one row to the next, or over more where the motion is slow.
 fn contacts(contraction: &[f64], noise: f64) -> Vec<f64> {
     let last = contraction.len() - 1;
     let moved = |from: usize, to: usize| {
