@@ -163,7 +163,7 @@ pub struct Quality {
     pub ripple_n_rms: f64,
     /// RMS of the pressure that the controller reads less the true one \[Pa\].
     pub reading_error_pa_rms: f64,
-    /// Factor of K_s·K up to which the loop is stable; [`GAIN_MARGIN_MAX`] where it is beyond.
+    /// Factor of K_s·K up to which the loop is stable; a bound where it is beyond.
     pub gain_margin: f64,
     /// Delay \[s\] that it bears more; the largest looked for where it bears more still.
     pub delay_margin_s: f64,

@@ -63,7 +63,7 @@ pub fn weight(residual: f64) -> f64 {
     (OUTLIER / residual.abs()).min(1.0)
 }
 
-/// Huber's loss: half the square, growing like the residual itself beyond [`OUTLIER`], so that the
+/// Huber's loss: half the square, growing like the residual itself beyond some noises, so that the
 /// few moments that a block does not see right do not rule the fit.
 pub fn loss(residual: f64) -> f64 {
     let size = residual.abs();
