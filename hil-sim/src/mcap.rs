@@ -126,9 +126,18 @@ fn schema() -> Value {
 /// It is no such file, or holds no ticks.
 pub fn read(path: &Path) -> Result<Record, BadInput> {
     let name = path.display().to_string();
-    let bad = |expected: String| BadInput::file(&name, expected);
-    let bytes = std::fs::read(path).map_err(|error| bad(format!("a readable file, {error}")))?;
-    let stream = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into())
+    let bytes = std::fs::read(path)
+        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    parse(&name, &bytes)
+}
+
+/// Reads the same from the bytes of the file `name`.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
+    let bad = |expected: String| BadInput::file(name, expected);
+    let stream = MessageStream::new_with_options(bytes, Options::IgnoreEndMagic.into())
         .map_err(|error| bad(format!("an MCAP file, {error}")))?;
     let mut csv = csv::Writer::from_writer(Vec::new());
     let _ = csv.write_record(COLUMNS.iter().map(|(name, ..)| name));
@@ -146,7 +155,7 @@ pub fn read(path: &Path) -> Result<Record, BadInput> {
         });
         let _ = csv.write_record(cells);
     }
-    let record = Record::parse(&name, &csv.into_inner().unwrap_or_default())?;
+    let record = Record::parse(name, &csv.into_inner().unwrap_or_default())?;
     if record.time_s().is_empty() {
         return Err(bad(format!(
             "`{TIME_S}` in messages on {TOPIC}, found none"

@@ -15,7 +15,7 @@ use model_core::timing::Timing;
 use rand::{Rng, RngExt};
 
 /// What a tick has come to.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Told {
     /// The DAC.
     pub valve: DacCount,
@@ -25,8 +25,12 @@ pub struct Told {
 
 /// A device under test.
 pub trait Unit {
-    /// One tick: what the pins say, the ticks missed before it, and the bytes that have come.
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told;
+    /// One tick that comes so late \[s\]: what the pins say, the ticks missed before it, and the
+    /// bytes that have come.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, late_s: f64, bytes: &[u8]) -> Told;
+
+    /// A tick that does not happen.
+    fn skip(&mut self);
 
     /// The chip is reset and its program begins anew.
     fn restart(&mut self);
@@ -61,7 +65,9 @@ impl OnPc {
 }
 
 impl Unit for OnPc {
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told {
+    fn skip(&mut self) {}
+
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, bytes: &[u8]) -> Told {
         let timing = Timing {
             missed_ticks,
             ..Timing::default()
