@@ -8,7 +8,7 @@ use model_core::controller::Controller;
 use model_core::settings::{Settings, SettingsValues};
 
 /// Hours of the plant, unless SOAK_HOURS says otherwise.
-const HOURS: f64 = 1.0;
+const HOURS: f64 = 0.5;
 
 #[test]
 fn hours_of_use_end_as_they_began() {

@@ -17,7 +17,8 @@ RUSTFLAGS=$flags cargo build --release --target "$host" >&2
 for name in "$@"; do
     mkdir -p "target/corpus/$name"
     printf '%s: ' "$name"
-    "target/$host/release/$name" -runs="$inputs" -max_len=1200 -rss_limit_mb=4096 \
+    case $name in link | settings) max_len=256 ;; *) max_len=4096 ;; esac
+    "target/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \
         "target/corpus/$name" "seeds/$name" >"target/$name.log" 2>&1 || true
     grep -E '^Done|ERROR|panicked' "target/$name.log"
     grep -q '^Done' "target/$name.log"

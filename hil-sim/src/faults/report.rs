@@ -434,7 +434,7 @@ pub fn report(summary: &Summary) -> Report {
             section(
                 "Where the controller decides",
                 "The weight stays below the trip speed and a free fall until that is noticed, \
-                 within the muscle's stroke and the pressure's trip level.",
+                 within the muscle's stroke and a tenth above the supply's pressure.",
                 kinds_table(summary, false),
             ),
             section(

@@ -5,12 +5,13 @@ use super::instruments::{Instruments, noise_on_link};
 use super::kind::{Inject, TickFault};
 use super::outcome::{Outcome, Watch};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
-use super::unit::{Told, Unit, frame};
+use super::unit::{Stored, Told, Unit, frame};
 use super::{ASKS_S, Case};
 use crate::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
 use crate::error::BadInput;
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated, Term};
+use crate::rig::Rig;
 use model_core::device::{Command, Pins};
 use model_core::frame::{Request, Sensors};
 use model_core::link::ToDevice;
@@ -92,8 +93,8 @@ struct Schedule {
     /// Ticks to be left out in a row, and those of which every second one is.
     leave_out: u32,
     halting: u32,
-    /// Ticks left out since the last one.
-    missed: u8,
+    /// Ticks left out since the last one; before the first there is none to miss.
+    missed: Option<u8>,
     period_s: f64,
 }
 
@@ -103,17 +104,17 @@ impl Schedule {
         ticks_again_s: 0.0,
         leave_out: 0,
         halting: 0,
-        missed: 0,
+        missed: None,
         period_s: TICK_S,
     };
 
     /// True where this tick does not happen.
     fn leaves_out(&mut self) -> bool {
-        let halts = self.halting % 2 == 0 && self.halting > 0;
+        let halts = self.halting > 0 && self.halting.is_multiple_of(2);
         self.halting = self.halting.saturating_sub(1);
         let leaves_out = halts || self.leave_out > 0;
         self.leave_out = self.leave_out.saturating_sub(1);
-        self.missed += u8::from(leaves_out);
+        self.missed = self.missed.map(|missed| missed + u8::from(leaves_out));
         leaves_out
     }
 
@@ -269,7 +270,7 @@ impl<'a> Scene<'a> {
         if schedule.hangs(time_s) {
             return None;
         }
-        let missed_ticks = std::mem::take(&mut schedule.missed);
+        let missed_ticks = schedule.missed.replace(0).unwrap_or(0);
         let late_s = match self.fault(time_s) {
             Some((Inject::Ticks(TickFault::Late), _)) => self.case.size,
             _ => 0.0,
@@ -374,22 +375,30 @@ fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
     }
 }
 
-/// The settings of a case's board: the nominal rig's, or what is left of stored ones.
-///
-/// # Errors
-/// The rig does not fit a board.
-pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
-    let nominal = crate::rig::Rig::reference();
+/// What the flash of a case's board holds, where something is stored in it.
+pub fn stored(case: &Case) -> Option<Stored> {
     match case.kind.inject {
         Inject::Settings(fault) => {
             let mut random = Pcg64Mcg::seed_from_u64(case.seed);
-            Ok(super::unit::stored_settings(
-                &nominal,
+            Some(Stored::after(
+                &Rig::reference(),
                 fault,
                 case.size,
                 &mut random,
             ))
         }
-        _ => Ok((closed_loop::settings(&nominal)?, true)),
+        _ => None,
+    }
+}
+
+/// The settings of a case's board, and whether it may have them: the nominal rig's, or what is left
+/// of stored ones.
+///
+/// # Errors
+/// The rig does not fit a board.
+pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
+    match stored(case) {
+        Some(stored) => Ok(stored.load()),
+        None => Ok((closed_loop::settings(&Rig::reference())?, true)),
     }
 }

@@ -94,7 +94,7 @@ pub fn link(mut bytes: &[u8]) {
         let mut ticks = 1;
         if control & 0x40 != 0 {
             let at = word(&mut bytes);
-            ticks = 1 + at % 64;
+            ticks = 1 + at % 4;
             pins = Pins {
                 bridge: AdcCount((at >> 8) as u16 & 0xFFF),
                 pressure: AdcCount((at >> 20) as u16),
@@ -173,7 +173,8 @@ fn slot(bytes: &mut &[u8]) -> Vec<u8> {
     let written = store::store([&[0xFF; SLOT_LEN], &[]], &reference()).expect("they fit");
     let mut slot = written.bytes()[..2].to_vec();
     slot.extend((encoded.len() as u16).to_le_bytes());
-    slot.extend(word(bytes).to_le_bytes());
+    // After the highest number none is newer; no flash lives to see 2³¹ writes.
+    slot.extend((word(bytes) >> 1).to_le_bytes());
     slot.extend(encoded);
     with_checksum(slot)
 }
@@ -202,7 +203,7 @@ pub fn settings(mut bytes: &[u8]) {
     let other = other.expect("valid settings");
     let write = store::store([&flash[0], &flash[1]], &other).expect("settings fit into a slot");
     let len = write.bytes().len();
-    assert!(write.sector < 2 && write.offset % SLOT_LEN == 0 && len <= SLOT_LEN);
+    assert!(write.sector < 2 && write.offset.is_multiple_of(SLOT_LEN) && len <= SLOT_LEN);
     assert!(write.offset < SECTOR_LEN);
     if write.erase {
         flash[write.sector] = [0xFF; SECTOR_LEN];
