@@ -5,15 +5,18 @@ use crate::error::BadInput;
 use crate::output::NotWritten;
 use crate::record::{Record, TIME_S};
 use crate::recorder::{COLUMNS, Cell};
-use mcap::read::Options;
-use mcap::records::MessageHeader;
-use mcap::{McapError, MessageStream, WriteOptions, Writer};
+use mcap::parse_record;
+use mcap::records::{MessageHeader, Record as McapRecord};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{McapError, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
+/// Longer is no tick, and no chunk of them \[bytes\].
+const RECORD_LEN_MAX: usize = 1 << 26;
 /// The channel's name.
 const TOPIC: &str = "/assist";
 
@@ -120,24 +123,63 @@ fn schema() -> Value {
     })
 }
 
+/// The messages on [`TOPIC`]. A chunk that was cut off ends the file.
+fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
+    let options = LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        // Without one the crate adds to a length that may be any.
+        .with_record_length_limit(RECORD_LEN_MAX);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut channels, mut messages) = (Vec::new(), Vec::new());
+    let (mut rest, mut begun) = (bytes, false);
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(len)) => {
+                let (next, later) = rest.split_at(len.min(rest.len()));
+                reader.insert(next.len()).copy_from_slice(next);
+                reader.notify_read(next.len());
+                rest = later;
+                continue;
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => parse_record(opcode, data),
+            Err(error) => Err(error),
+        };
+        match record {
+            Ok(McapRecord::Channel(channel)) if channel.topic == TOPIC => channels.push(channel.id),
+            Ok(McapRecord::Message { header, data }) if channels.contains(&header.channel_id) => {
+                messages.push(data.into_owned());
+            }
+            Ok(_) => {}
+            Err(error) if !begun => return Err(error),
+            Err(_) => break,
+        }
+        begun = true;
+    }
+    Ok(messages)
+}
+
 /// Reads a record that [`McapWriter`] has written; of a file that is cut off, what is whole.
 ///
 /// # Errors
 /// It is no such file, or holds no ticks.
 pub fn read(path: &Path) -> Result<Record, BadInput> {
     let name = path.display().to_string();
-    let bad = |expected: String| BadInput::file(&name, expected);
-    let bytes = std::fs::read(path).map_err(|error| bad(format!("a readable file, {error}")))?;
-    let stream = MessageStream::new_with_options(&bytes, Options::IgnoreEndMagic.into())
-        .map_err(|error| bad(format!("an MCAP file, {error}")))?;
+    let bytes = std::fs::read(path)
+        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    parse(&name, &bytes)
+}
+
+/// Reads the same from the bytes of the file `name`.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
+    let bad = |expected: String| BadInput::file(name, expected);
+    let messages = messages(bytes).map_err(|error| bad(format!("an MCAP file, {error}")))?;
     let mut csv = csv::Writer::from_writer(Vec::new());
     let _ = csv.write_record(COLUMNS.iter().map(|(name, ..)| name));
-    // A chunk that was cut off ends the file.
-    for message in stream.map_while(Result::ok) {
-        if message.channel.topic != TOPIC {
-            continue;
-        }
-        let fields: Map<String, Value> = serde_json::from_slice(&message.data)
+    for message in messages {
+        let fields: Map<String, Value> = serde_json::from_slice(&message)
             .map_err(|error| bad(format!("messages in JSON, {error}")))?;
         let cells = COLUMNS.iter().map(|(name, ..)| match fields.get(*name) {
             Some(Value::String(word)) => word.clone(),
@@ -146,7 +188,7 @@ pub fn read(path: &Path) -> Result<Record, BadInput> {
         });
         let _ = csv.write_record(cells);
     }
-    let record = Record::parse(&name, &csv.into_inner().unwrap_or_default())?;
+    let record = Record::parse(name, &csv.into_inner().unwrap_or_default())?;
     if record.time_s().is_empty() {
         return Err(bad(format!(
             "`{TIME_S}` in messages on {TOPIC}, found none"

@@ -5,11 +5,12 @@ use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{Decides, KINDS, Kind};
-use hil_sim::faults::report::{Summary, report};
-use hil_sim::faults::run::Outcome;
+use hil_sim::faults::outcome::Outcome;
+use hil_sim::faults::report::{Lacking, Summary, report, report_lacking};
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
 use hil_sim::recorder::Recorder;
+use model_core::safety::SafetyFunction;
 use rayon::prelude::*;
 
 /// The fault campaign: one fault at a time in the closed loop, and what becomes of the weight
@@ -22,7 +23,9 @@ use rayon::prelude::*;
 Examples:
   hil-sim faults                                the whole campaign
   hil-sim faults --cases 2000 --seed 7 --json
-  hil-sim faults --case 1139                    one case again, its record as CSV and MCAP")]
+  hil-sim faults --case 1139                    one case again, its record as CSV and MCAP
+  hil-sim faults --case 1139 --without SpeedTrip
+  hil-sim faults --without-each --cases 6200    what each safety function is for")]
 pub struct Args {
     /// Folder for the report and records, made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out")]
@@ -40,6 +43,18 @@ pub struct Args {
     /// Only this case, with its record
     #[arg(long, value_name = "N", conflicts_with = "cases")]
     case: Option<u64>,
+    /// Switch this safety function off
+    #[arg(long, value_name = "FUNCTION", value_parser = function)]
+    without: Option<SafetyFunction>,
+    /// Switch each safety function off in turn, and say what becomes of the cases
+    #[arg(long, conflicts_with_all = ["case", "without"])]
+    without_each: bool,
+}
+
+fn function(name: &str) -> Result<SafetyFunction, String> {
+    let is_named = |function: &SafetyFunction| format!("{function:?}") == name;
+    let found = SafetyFunction::ALL.into_iter().find(is_named);
+    found.ok_or_else(|| format!("expected one of {:?}", SafetyFunction::ALL))
 }
 
 /// Cases of each kind that are run again with hardware.
@@ -56,11 +71,10 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
     if let Some(number) = args.case {
         return one(args, &common, number);
     }
-    let progress = Progress::new("breaking", args.cases);
-    let cases = (0..args.cases).into_par_iter();
-    let cases = cases.map(|number| Case::new(args.seed, number));
-    let outcomes = run_all(cases, None, || progress.step())?;
-    drop(progress);
+    if args.without_each {
+        return without_each(args, &common);
+    }
+    let outcomes = all(args, args.without)?;
     let mut with_hardware = Vec::new();
     for kind in KINDS
         .iter()
@@ -83,6 +97,25 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
     Ok(all_within)
 }
 
+/// Every case.
+fn all(args: &Args, without: Option<SafetyFunction>) -> Result<Vec<Outcome>, BadInput> {
+    let progress = Progress::new("breaking", args.cases);
+    let cases = (0..args.cases).into_par_iter();
+    let cases = cases.map(|number| Case::new(args.seed, number));
+    run_all(cases, without, || progress.step())
+}
+
+/// True if the campaign notices that any of them is gone.
+fn without_each(args: &Args, common: &Common) -> Result<bool, Failure> {
+    let mut lacking = Vec::new();
+    for function in SafetyFunction::ALL {
+        lacking.push(Lacking::new(function, &all(args, Some(function))?));
+    }
+    let all_noticed = lacking.iter().all(|lacking| lacking.outside > 0);
+    common.finish(report_lacking(args.seed, &lacking), &lacking)?;
+    Ok(all_noticed)
+}
+
 fn again(seed: u64, kind: &'static Kind, hardware: Hardware) -> Result<Vec<Outcome>, BadInput> {
     let cases = (0..WITH_HARDWARE).into_par_iter().map(|number| Case {
         hardware,
@@ -96,7 +129,7 @@ fn one(args: &Args, common: &Common, number: u64) -> Result<bool, Failure> {
     let path = common.path(&format!("fault-{number}.csv"))?;
     let mut recorder = Recorder::create(&path)?;
     let mut written = Ok(());
-    let outcome = run_case(&case, None, |tick| {
+    let outcome = run_case(&case, args.without, |tick| {
         if written.is_ok() {
             written = recorder.push(&tick.row());
         }

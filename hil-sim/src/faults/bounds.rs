@@ -26,6 +26,9 @@ pub struct Bounds {
 const OVER_SPEED: f64 = model_core::consistency::OVER_SPEED as f64;
 /// From the trip level to the fault: two ticks that are too fast, and the one before them \[s\].
 const NOTICED_S: f64 = 0.03;
+/// A surge may go so far beyond what a vessel is allowed for ever, here the supply's pressure:
+/// directive 2014/68/EU, annex I, 7.3.
+const SURGE: f64 = 1.1;
 /// Steps in which the energy is summed \[m\].
 const STEP_M: f64 = 1e-4;
 
@@ -96,7 +99,7 @@ pub fn bounds(case: &Case, values: &SettingsValues) -> Bounds {
         speed_up_m_per_s: moved_m_per_s,
         speed_down_m_per_s: moved_m_per_s,
         height_m: stroke_m,
-        pressure_pa: f64::from(values.pressure_trip_pa),
+        pressure_pa: SURGE * f64::from(values.supply_pressure_pa),
     };
     let Decides::Physics { up, down } = case.kind.decides else {
         return bounds;

@@ -1,7 +1,8 @@
 //! Many cases, on all cores.
 
 use super::Case;
-use super::run::{Outcome, run, settings};
+use super::outcome::Outcome;
+use super::run::{run, settings};
 use super::unit::OnPc;
 use crate::closed_loop::Tick;
 use crate::error::BadInput;

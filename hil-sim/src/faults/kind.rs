@@ -619,7 +619,8 @@ pub const KINDS: &[Kind] = &[
     kind(
         "ticks missed",
         Ticks(TickFault::Missed),
-        &[3.0, 4.0],
+        // Of four the watchdog may make a reset.
+        &[3.0],
         "ticks",
         Controller,
         latched(0.06, IN_USE, |fault| fault == Fault::MissedTicks),

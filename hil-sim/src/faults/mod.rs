@@ -5,7 +5,9 @@
 
 pub mod bounds;
 pub mod campaign;
+mod instruments;
 pub mod kind;
+pub mod outcome;
 mod plant;
 pub mod report;
 pub mod run;

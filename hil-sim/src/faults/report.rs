@@ -2,8 +2,9 @@
 
 use super::Hardware;
 use super::kind::{Decides, KINDS, Kind};
-use super::run::Outcome;
+use super::outcome::Outcome;
 use crate::report::{Report, Section, Table};
+use model_core::safety::SafetyFunction;
 use serde::Serialize;
 
 /// Cases listed in the report.
@@ -202,6 +203,91 @@ impl Summary {
     }
 }
 
+/// What becomes of the cases without a safety function.
+#[derive(Clone, Debug, Serialize)]
+pub struct Lacking {
+    /// The function.
+    pub without: String,
+    /// Cases.
+    pub cases: usize,
+    /// Cases outside of anything, wrong and late reasons included.
+    pub outside: usize,
+    /// Cases in which weight or pressure is beyond its bounds.
+    pub beyond: usize,
+    /// What they are outside of, and how many.
+    pub what: Vec<(String, usize)>,
+    /// The kinds of those beyond, and how many.
+    pub kinds: Vec<(String, usize)>,
+    /// The one that is furthest beyond, and its largest share of a bound.
+    pub worst: Option<(u64, f64)>,
+}
+
+impl Lacking {
+    /// Of the `outcomes` without `function`.
+    pub fn new(function: SafetyFunction, outcomes: &[Outcome]) -> Lacking {
+        let outside = outcomes
+            .iter()
+            .filter(|outcome| !outcome.outside.is_empty());
+        let beyond: Vec<&Outcome> = outcomes.iter().filter(|o| share(o) > 1.0).collect();
+        let kind = |outcome: &&Outcome| KINDS[(outcome.case % KINDS.len() as u64) as usize].name;
+        let worst = beyond.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
+        Lacking {
+            without: format!("{function:?}"),
+            cases: outcomes.len(),
+            outside: outside.clone().count(),
+            beyond: beyond.len(),
+            what: tally(outside.flat_map(|o| o.outside.iter().map(|what| what.to_string()))),
+            kinds: tally(beyond.iter().map(|outcome| kind(outcome).into())),
+            worst: worst.map(|worst| (worst.case, share(worst))),
+        }
+    }
+}
+
+/// What each safety function is for, as a report.
+pub fn report_lacking(seed: u64, lacking: &[Lacking]) -> Report {
+    let row = |lacking: &Lacking| {
+        vec![
+            lacking.without.clone(),
+            format!("{} / {}", lacking.beyond, lacking.cases),
+            counted(&lacking.kinds),
+            counted(&lacking.what),
+            lacking.worst.map_or("–".into(), |(case, share)| {
+                format!("{case} ({:.0} %)", 100.0 * share)
+            }),
+        ]
+    };
+    let table = Table {
+        caption: format!(
+            "The worst again: hil-sim faults --seed {seed} --case N --without FUNCTION; in its \
+             share of a bound"
+        ),
+        columns: [
+            "without",
+            "beyond a bound / cases",
+            "of these kinds",
+            "outside of",
+            "worst case",
+        ]
+        .map(String::from)
+        .into(),
+        rows: lacking.iter().map(row).collect(),
+    };
+    Report {
+        title: "Each safety function switched off".into(),
+        verdict: vec![format!(
+            "Without {} of {} safety functions cases are beyond their bounds.",
+            lacking.iter().filter(|lacking| lacking.beyond > 0).count(),
+            lacking.len()
+        )],
+        sections: vec![Section {
+            heading: "What each is for".into(),
+            tables: vec![table],
+            ..Section::default()
+        }],
+        repeat: Vec::new(),
+    }
+}
+
 fn counted(words: &[(String, usize)]) -> String {
     let words = words.iter().map(|(word, times)| format!("{word} {times}"));
     words.collect::<Vec<_>>().join(", ")
@@ -348,7 +434,7 @@ pub fn report(summary: &Summary) -> Report {
             section(
                 "Where the controller decides",
                 "The weight stays below the trip speed and a free fall until that is noticed, \
-                 within the muscle's stroke and the pressure's trip level.",
+                 within the muscle's stroke and a tenth above the supply's pressure.",
                 kinds_table(summary, false),
             ),
             section(

@@ -1,194 +1,34 @@
-//! One case: the closed loop with a fault in it, and what is measured of it.
+//! One case: the closed loop with a fault in it.
 
-use super::bounds::{Bounds, bounds, fallen_m_per_s};
-use super::kind::{Inject, Instrument, Kind, LinkFault, TickFault};
+use super::bounds::bounds;
+use super::instruments::{Instruments, noise_on_link};
+use super::kind::{Inject, TickFault};
+use super::outcome::{Outcome, Watch};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
-use super::unit::{Told, Unit, frame};
-use super::{ASKS_S, Case, Moment};
+use super::unit::{Stored, Told, Unit, frame};
+use super::{ASKS_S, Case};
 use crate::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
 use crate::error::BadInput;
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated, Term};
+use crate::rig::Rig;
 use model_core::device::{Command, Pins};
-use model_core::frame::{Output, Request, Sensors};
+use model_core::frame::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{AdcCount, COUNT_MAX, DacCount, EncoderCount};
-use model_core::supervisor::{Fault, Mode};
-use rand::{Rng, RngExt, SeedableRng};
+use model_core::signal::{COUNT_MAX, DacCount};
+use model_core::supervisor::Mode;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use serde::{Serialize, Serializer};
 
 /// Time that the program takes from a reset to its first tick \[s\].
 const BOOT_S: f64 = 0.005;
 /// The peak speed is looked for so often in a tick.
 const LOOKS: u32 = 5;
-/// Stretch at the end over which the weight must be at rest \[s\].
-const END_S: f64 = 0.3;
-
-/// What has become of a case.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Outcome {
-    /// Its number.
-    pub case: u64,
-    /// The fault in words.
-    pub fault: String,
-    /// When it fell.
-    pub moment: Moment,
-    /// The same \[s\].
-    pub fault_s: f64,
-    /// From the fault to a latched reason \[s\].
-    pub latched_after_s: Option<f64>,
-    /// Highest pressure after the fault \[Pa\].
-    pub pressure_pa_max: f64,
-    /// Fastest upwards after the fault \[m/s\].
-    pub speed_up_m_per_s_max: f64,
-    /// Fastest downwards after the fault \[m/s\].
-    pub speed_down_m_per_s_max: f64,
-    /// Fastest in the last 0.3 s \[m/s\].
-    pub speed_m_per_s_final: f64,
-    /// How far the weight rose above its place at the fault \[m\].
-    pub rise_m: f64,
-    /// How far it fell below it \[m\].
-    pub fall_m: f64,
-    /// Its highest place \[m\].
-    pub height_m_max: f64,
-    /// It was thrown: the rope went slack beyond the muscle's stroke.
-    pub thrown: bool,
-    /// The controller's last mode.
-    #[serde(serialize_with = "in_words")]
-    pub mode: Mode,
-    /// The reason that it has latched.
-    #[serde(serialize_with = "maybe_in_words")]
-    pub reason: Option<Fault>,
-    /// What it must stay within.
-    pub bounds: Bounds,
-    /// What it is outside of.
-    pub outside: Vec<&'static str>,
-}
-
-fn in_words<S: Serializer>(mode: &Mode, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&format_args!("{mode:?}"))
-}
-
-fn maybe_in_words<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
-    match fault {
-        None => serializer.serialize_none(),
-        Some(fault) => serializer.collect_str(&format_args!("{fault:?}")),
-    }
-}
-
-/// The electrical side: what the pins get of the plant.
-struct Instruments<'a> {
-    values: &'a SettingsValues,
-    inject: Inject,
-    size: f64,
-    /// Readings in physical units and counts when the fault fell.
-    frozen: Option<([u16; 2], i64)>,
-    /// Counts that the encoder has lost, and its last true count.
-    lost: f64,
-    last: i64,
-}
-
-impl Instruments<'_> {
-    /// The pins, `since_s` after the fault where it has fallen.
-    fn pins(
-        &mut self,
-        truth: [f64; 3],
-        since_s: Option<f64>,
-        mut normal: impl FnMut() -> f64,
-    ) -> Pins {
-        let size = self.size;
-        let mut truth = truth;
-        let place = |instrument| match instrument {
-            Instrument::Bridge => 0,
-            Instrument::Pressure => 1,
-            Instrument::Encoder => 2,
-        };
-        if let Some(since_s) = since_s {
-            match self.inject {
-                Inject::Drift(instrument) => truth[place(instrument)] += size * since_s,
-                Inject::Noise(instrument) => truth[place(instrument)] += size * normal(),
-                Inject::AnalogGain(instrument) => truth[place(instrument)] *= size,
-                Inject::Reversed(instrument) => truth[place(instrument)] *= -1.0,
-                Inject::Jump(instrument) => truth[place(instrument)] += size,
-                _ => {}
-            }
-        }
-        let [bridge_n, pressure_pa, travel_m] = truth;
-        let values = self.values;
-        let mut adc = [
-            values.bridge.count(bridge_n as f32).0,
-            values.pressure_sensor.count(pressure_pa as f32).0,
-        ];
-        let mut encoder = (travel_m / f64::from(values.encoder_m_per_count)).round() as i64;
-        let moved = encoder - std::mem::replace(&mut self.last, encoder);
-        if since_s.is_some() {
-            let (frozen, home) = *self.frozen.get_or_insert((adc, encoder));
-            let mut flicker = || (size * normal()).round() as i64;
-            match self.inject {
-                Inject::Reading(instrument) => adc[place(instrument)] = size as u16,
-                Inject::Freeze(Instrument::Encoder) => encoder = home + flicker(),
-                Inject::Freeze(instrument) => {
-                    let count = i64::from(frozen[place(instrument)]) + flicker();
-                    adc[place(instrument)] = count.clamp(0, COUNT_MAX.into()) as u16;
-                }
-                Inject::EncoderLoses => self.lost += size * moved as f64,
-                _ => {}
-            }
-        }
-        Pins {
-            bridge: AdcCount(adc[0]),
-            pressure: AdcCount(adc[1]),
-            encoder: EncoderCount((encoder - self.lost.round() as i64) as i32 as u32),
-            button_pressed: false,
-        }
-    }
-}
-
-/// Bytes on the link in a tick of a broken one.
-fn noise_on_link(fault: LinkFault, size: f64, first: bool, random: &mut impl Rng) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    let valid = [
-        ToDevice::Identify,
-        ToDevice::ReadSettings,
-        ToDevice::Command(Command::EnterHil),
-        ToDevice::Command(Command::LeaveHil),
-    ];
-    match fault {
-        LinkFault::Cut => {
-            if first {
-                let whole = frame(&valid[2]);
-                bytes.extend(&whole[..whole.len() / 2]);
-            }
-        }
-        LinkFault::Flooded => {
-            for _ in 0..size as usize {
-                bytes.extend(frame(&valid[random.random_range(0..valid.len())]));
-            }
-        }
-        LinkFault::Corrupted => {
-            for _ in 0..size as usize {
-                let asked = [
-                    Request::Assist,
-                    Request::Reset,
-                    Request::Hold,
-                    Request::Vent,
-                ];
-                let asked = asked[random.random_range(0..asked.len())];
-                let mut damaged = frame(&ToDevice::Command(Command::Request(asked)));
-                let place = random.random_range(0..damaged.len());
-                damaged[place] ^= random.random_range(1..=u8::MAX);
-                bytes.extend(damaged);
-                bytes.extend((0..random.random_range(0..8)).map(|_| random.random::<u8>()));
-            }
-            bytes.push(0);
-        }
-    }
-    bytes
-}
+/// A lever is slammed within this \[s\].
+const SLAM_S: f64 = 0.03;
 
 /// The plant of a case, its faults and hardware in it.
 fn plant(case: &Case) -> Result<Plant, BadInput> {
@@ -250,241 +90,279 @@ struct Schedule {
     reset_s: Option<f64>,
     /// Its first tick after that.
     ticks_again_s: f64,
-    /// Single ticks that are left out.
-    missed: u8,
+    /// Ticks to be left out in a row, and those of which every second one is.
+    leave_out: u32,
+    halting: u32,
+    /// Ticks left out since the last one; before the first there is none to miss.
+    missed: Option<u8>,
     period_s: f64,
+}
+
+impl Schedule {
+    const USUAL: Schedule = Schedule {
+        reset_s: None,
+        ticks_again_s: 0.0,
+        leave_out: 0,
+        halting: 0,
+        missed: None,
+        period_s: TICK_S,
+    };
+
+    /// True where this tick does not happen.
+    fn leaves_out(&mut self) -> bool {
+        let halts = self.halting > 0 && self.halting.is_multiple_of(2);
+        self.halting = self.halting.saturating_sub(1);
+        let leaves_out = halts || self.leave_out > 0;
+        self.leave_out = self.leave_out.saturating_sub(1);
+        self.missed = self.missed.map(|missed| missed + u8::from(leaves_out));
+        leaves_out
+    }
+
+    fn hangs(&self, time_s: f64) -> bool {
+        self.reset_s.is_some() || time_s < self.ticks_again_s
+    }
+}
+
+/// What a tick read of the hand and the plant.
+struct Reading {
+    finger_m: f64,
+    finger_force_n: f64,
+    pins: Pins,
+}
+
+/// A case while it runs.
+struct Scene<'a> {
+    case: &'a Case,
+    values: &'a SettingsValues,
+    hand: Hand,
+    simulation: Simulation,
+    drive: Drive,
+    random: Pcg64Mcg,
+    instruments: Instruments<'a>,
+    schedule: Schedule,
+    watch: Watch<'a>,
+    told: Told,
+    /// Assistance has been asked for.
+    asked: bool,
+    /// The fault has fallen.
+    fallen: bool,
+    /// Where a slow valve is, and where a stuck DAC \[Pa\].
+    slow_pa: f64,
+    stuck_pa: Option<f64>,
+}
+
+impl<'a> Scene<'a> {
+    fn new(case: &'a Case, values: &'a SettingsValues) -> Result<Scene<'a>, BadInput> {
+        let plant = plant(case)?;
+        let initial = Initial {
+            time_s: 0.0,
+            contraction: 0.0,
+            contraction_rate_per_s: 0.0,
+            pressure: GaugePa(0.0),
+            temperature_k: plant.ambient_temperature_k,
+        };
+        let drive = Drive::default();
+        let tolerance = Experiment::PAPER.tolerance;
+        Ok(Scene {
+            case,
+            values,
+            hand: Hand {
+                assist: *case.rig.require_assist()?,
+                initial_length_m: case.rig.muscle.initial_length_m,
+                arm_stiffness_n_per_m: case.arm_stiffness_n_per_m,
+            },
+            simulation: Simulation::new(plant, &initial, &drive, tolerance),
+            drive,
+            random: Pcg64Mcg::seed_from_u64(case.seed),
+            instruments: Instruments::new(case, values),
+            schedule: Schedule::USUAL,
+            watch: Watch::new(case, bounds(case, values)),
+            told: Told::default(),
+            asked: false,
+            fallen: false,
+            slow_pa: 0.0,
+            stuck_pa: None,
+        })
+    }
+
+    /// The fault, where it has fallen, and \[s\] since then.
+    fn fault(&self, time_s: f64) -> Option<(Inject, f64)> {
+        let since_s = time_s - self.case.fault_s;
+        self.fallen.then_some((self.case.kind.inject, since_s))
+    }
+
+    /// What happens at once when the fault falls.
+    fn fall(&mut self, unit: &mut impl Unit, time_s: f64) {
+        let (case, schedule) = (self.case, &mut self.schedule);
+        match case.kind.inject {
+            Inject::Hang => {
+                schedule.reset_s = Some(time_s + case.size);
+                schedule.ticks_again_s = time_s + case.size + BOOT_S;
+            }
+            Inject::PowerLost => {
+                schedule.reset_s = Some(time_s);
+                schedule.ticks_again_s = time_s + case.size + BOOT_S;
+            }
+            Inject::Ticks(TickFault::Clock) => schedule.period_s *= 1.0 + case.size,
+            Inject::Ticks(TickFault::Missed) => schedule.leave_out = case.size as u32,
+            Inject::Ticks(TickFault::Halting) => schedule.halting = 2 * case.size as u32,
+            Inject::Damage(memory) => {
+                let bit = self.random.random_range(0..1 << 12);
+                unit.damage(memory, case.size as usize, bit);
+            }
+            _ => {}
+        }
+        self.fallen = true;
+        self.watch.begin(&self.simulation);
+    }
+
+    /// What the hand does and the instruments make of it.
+    fn read(&mut self, time_s: f64) -> Reading {
+        let fault = self.fault(time_s);
+        let reading = self.simulation.read();
+        let mut intended_m = self.case.finger.intended_m(time_s);
+        if let Some((Inject::Lever, since_s)) = fault {
+            intended_m += (self.case.size - intended_m) * (since_s / SLAM_S).min(1.0);
+        }
+        let contraction = self.simulation.contraction();
+        let finger_m = self.hand.finger_m(intended_m, contraction);
+        let finger_force_n = self.hand.force_n(finger_m, contraction);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
+        let truth = [
+            finger_force_n + Experiment::PAPER.bridge_noise_n * normal(),
+            reading.pressure.0 + Experiment::PAPER.pressure_noise_pa * normal(),
+            reading.contraction * self.hand.initial_length_m,
+        ];
+        let since_s = fault.map(|(_, since_s)| since_s);
+        Reading {
+            finger_m,
+            finger_force_n,
+            pins: self.instruments.pins(truth, since_s, normal),
+        }
+    }
+
+    /// What comes over the link: the person asks for assistance once, as soon as it is offered.
+    fn bytes(&mut self, time_s: f64, begins: bool) -> (Request, Vec<u8>) {
+        let (mut request, mut bytes) = (Request::None, Vec::new());
+        if self.told.output.mode == Mode::Ready && !self.asked && time_s >= ASKS_S {
+            (self.asked, request) = (true, Request::Assist);
+            bytes = frame(&ToDevice::Command(Command::Request(request)));
+        }
+        if let Some((Inject::Link(fault), _)) = self.fault(time_s) {
+            let (size, random) = (self.case.size, &mut self.random);
+            bytes.extend(noise_on_link(fault, size, begins, random));
+        }
+        (request, bytes)
+    }
+
+    /// The device's tick; returns the ticks missed before it, or nothing where it does not happen.
+    fn tick(&mut self, unit: &mut impl Unit, time_s: f64, pins: &Pins, bytes: &[u8]) -> Option<u8> {
+        let schedule = &mut self.schedule;
+        if schedule.reset_s.is_some_and(|reset_s| time_s >= reset_s) {
+            unit.restart();
+            self.told = Told::default();
+            schedule.reset_s = None;
+        }
+        if schedule.leaves_out() {
+            unit.skip();
+            return None;
+        }
+        if schedule.hangs(time_s) {
+            return None;
+        }
+        let missed_ticks = schedule.missed.replace(0).unwrap_or(0);
+        let late_s = match self.fault(time_s) {
+            Some((Inject::Ticks(TickFault::Late), _)) => self.case.size,
+            _ => 0.0,
+        };
+        self.told = unit.tick(pins, missed_ticks, late_s, bytes);
+        self.watch.told(time_s, &self.told);
+        Some(missed_ticks)
+    }
+
+    /// What comes out of the DAC and its amplifier \[Pa\].
+    fn sent_pa(&mut self) -> f64 {
+        let pa = |count| f64::from(self.values.valve_drive.pressure(count).0);
+        match (self.case.kind.inject, self.fallen) {
+            (Inject::Dac, true) if self.case.size < 0.0 => {
+                *self.stuck_pa.get_or_insert(self.drive.reference.0)
+            }
+            (Inject::Dac, true) => self.case.size * pa(DacCount::new(COUNT_MAX)),
+            _ => pa(self.told.valve),
+        }
+    }
+
+    fn advance(&mut self, until_s: f64) -> Result<(), BadInput> {
+        let advanced = self.simulation.advance(&self.drive, until_s);
+        advanced.map_err(|error| error.of(&self.case.rig))?;
+        self.watch.look(until_s, &self.simulation);
+        Ok(())
+    }
+
+    /// The plant's part of a tick, in which the valve comes to `sent_pa`; returns when it ends.
+    fn advance_a_tick(&mut self, time_s: f64, sent_pa: f64) -> Result<f64, BadInput> {
+        let (delay_s, slow) = match self.fault(time_s) {
+            Some((Inject::Ticks(TickFault::Late), _)) => (self.case.size, false),
+            Some((Inject::ValveSlow, _)) => (Experiment::PAPER.output_delay_s, true),
+            _ => (Experiment::PAPER.output_delay_s, false),
+        };
+        let (begins_s, ends_s) = (time_s + delay_s, time_s + self.schedule.period_s);
+        self.advance(begins_s)?;
+        if !slow {
+            self.slow_pa = sent_pa;
+        }
+        for look in 1..=LOOKS {
+            let until_s = begins_s + (ends_s - begins_s) * f64::from(look) / f64::from(LOOKS);
+            if slow {
+                let share = self.schedule.period_s / f64::from(LOOKS) / self.case.size;
+                self.slow_pa += (sent_pa - self.slow_pa) * share.min(1.0);
+            }
+            self.drive.reference = GaugePa(self.slow_pa);
+            self.advance(until_s)?;
+        }
+        Ok(ends_s)
+    }
 }
 
 /// Runs `case` on `unit`, a board with `settings`; `seen` is told of each tick.
 ///
 /// # Errors
-/// The case's rig does not fit.
-// A tick from top to bottom, in the order in which things happen.
-#[allow(clippy::too_many_lines)]
+/// The case's rig does not fit, or its plant cannot be followed.
 pub fn run(
     case: &Case,
     settings: &Settings,
     unit: &mut impl Unit,
     mut seen: impl FnMut(&Tick),
 ) -> Result<Outcome, BadInput> {
-    let values = settings.values();
-    let plant = plant(case)?;
-    let hand = Hand {
-        assist: *case.rig.require_assist()?,
-        initial_length_m: case.rig.muscle.initial_length_m,
-        arm_stiffness_n_per_m: case.arm_stiffness_n_per_m,
-    };
-    let initial = Initial {
-        time_s: 0.0,
-        contraction: 0.0,
-        contraction_rate_per_s: 0.0,
-        pressure: GaugePa(0.0),
-        temperature_k: plant.ambient_temperature_k,
-    };
-    let mut drive = Drive::default();
-    let tolerance = Experiment::PAPER.tolerance;
-    let mut simulation = Simulation::new(plant, &initial, &drive, tolerance);
-    let mut random = Pcg64Mcg::seed_from_u64(case.seed);
-    let mut instruments = Instruments {
-        values,
-        inject: case.kind.inject,
-        size: case.size,
-        frozen: None,
-        lost: 0.0,
-        last: 0,
-    };
-    let mut schedule = Schedule {
-        reset_s: None,
-        ticks_again_s: 0.0,
-        missed: 0,
-        period_s: TICK_S,
-    };
-    let mut watch = Watch::new(case, bounds(case, values));
-    let mut told = Told {
-        valve: DacCount::default(),
-        output: Output::default(),
-    };
-    let (mut asked, mut fallen, mut slow_pa, mut stuck) = (false, false, 0.0, None);
-    let mut halts = 0_u32;
+    let mut scene = Scene::new(case, settings.values())?;
     let mut time_s = 0.0;
     while time_s < case.ends_s {
-        let begins = !fallen && time_s >= case.fault_s;
-        fallen |= begins;
+        let begins = !scene.fallen && time_s >= case.fault_s;
         if begins {
-            fall(case, unit, &mut schedule, time_s, &mut random);
-            watch.begin(&simulation);
+            scene.fall(unit, time_s);
         }
-        let since_s = fallen.then_some(time_s - case.fault_s);
-        let reading = simulation.read();
-        let mut intended_m = case.finger.intended_m(time_s);
-        if let (Inject::Lever, Some(since_s)) = (case.kind.inject, since_s) {
-            intended_m += (case.size - intended_m) * (since_s / SLAM_S).min(1.0);
-        }
-        let finger_m = hand.finger_m(intended_m, simulation.contraction());
-        let finger_force_n = hand.force_n(finger_m, simulation.contraction());
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let truth = [
-            finger_force_n + Experiment::PAPER.bridge_noise_n * normal(),
-            reading.pressure.0 + Experiment::PAPER.pressure_noise_pa * normal(),
-            reading.contraction * hand.initial_length_m,
-        ];
-        let pins = instruments.pins(truth, since_s, normal);
-        // The person asks for assistance once, as soon as it is offered.
-        let request = if told.output.mode == Mode::Ready && !asked && time_s >= ASKS_S {
-            asked = true;
-            Request::Assist
-        } else {
-            Request::None
-        };
-        let mut bytes = Vec::new();
-        if request != Request::None {
-            bytes = frame(&ToDevice::Command(Command::Request(request)));
-        }
-        if let (Inject::Link(fault), true) = (case.kind.inject, fallen) {
-            bytes.extend(noise_on_link(fault, case.size, begins, &mut random));
-        }
-        if let Some(reset_s) = schedule.reset_s
-            && time_s >= reset_s
-        {
-            unit.restart();
-            told.valve = DacCount::default();
-            told.output = Output::default();
-            schedule.reset_s = None;
-        }
-        let halting = case.kind.inject == Inject::Ticks(TickFault::Halting) && fallen;
-        let left_out = halting && f64::from(halts) < 2.0 * case.size && {
-            halts += 1;
-            halts % 2 == 1
-        };
-        let hangs = schedule.reset_s.is_some() || time_s < schedule.ticks_again_s;
-        let mut ticked = false;
-        if left_out || f64::from(schedule.missed) < missing(case, since_s) {
-            schedule.missed = schedule.missed.saturating_add(1);
-        } else if !hangs {
-            let missed = if since_s.is_some_and(|since_s| since_s >= 0.0) {
-                schedule.missed_now(case)
-            } else {
-                0
-            };
-            told = unit.tick(&pins, missed, &bytes);
-            ticked = true;
-        }
-        let sent_pa = f64::from(values.valve_drive.pressure(told.valve).0);
-        let sent_pa = match (case.kind.inject, fallen) {
-            (Inject::Dac, true) if case.size < 0.0 => *stuck.get_or_insert(drive.reference.0),
-            (Inject::Dac, true) => {
-                let full = values.valve_drive.pressure(DacCount::new(COUNT_MAX));
-                case.size * f64::from(full.0)
-            }
-            _ => sent_pa,
-        };
-        if ticked {
-            watch.told(time_s, &told);
-            let (valve_reference, output) = (GaugePa(sent_pa), told.output);
+        let read = scene.read(time_s);
+        let (request, bytes) = scene.bytes(time_s, begins);
+        let ticked = scene.tick(unit, time_s, &read.pins, &bytes);
+        let sent_pa = scene.sent_pa();
+        if let Some(missed_ticks) = ticked {
+            let simulation = &scene.simulation;
             seen(&Tick {
                 time_s,
-                finger_m,
-                finger_force_n,
+                finger_m: read.finger_m,
+                finger_force_n: read.finger_force_n,
                 force_n: simulation.force_n(),
                 contraction: simulation.contraction(),
                 pressure: simulation.pressure(),
                 temperature_k: simulation.temperature_k(),
-                valve_reference,
-                sensors: sensors(&pins, schedule.told_missed(case), request),
-                output,
+                valve_reference: GaugePa(sent_pa),
+                sensors: sensors(&read.pins, missed_ticks, request),
+                output: scene.told.output,
             });
         }
-        let next_s = time_s + schedule.period_s;
-        let delay_s = match (case.kind.inject, fallen) {
-            (Inject::Ticks(TickFault::Late), true) => case.size,
-            _ => Experiment::PAPER.output_delay_s,
-        };
-        let mut advance = |drive: &Drive, until_s| match simulation.advance(drive, until_s) {
-            Ok(()) => {
-                watch.look(until_s, &simulation);
-                true
-            }
-            Err(_) => {
-                watch.thrown(&simulation);
-                false
-            }
-        };
-        let slow = case.kind.inject == Inject::ValveSlow && fallen;
-        let mut goes_on = advance(&drive, time_s + delay_s);
-        if !slow {
-            slow_pa = sent_pa;
-        }
-        for look in 1..=LOOKS {
-            let until_s =
-                time_s + delay_s + (next_s - time_s - delay_s) * f64::from(look) / f64::from(LOOKS);
-            if slow {
-                let share = (next_s - time_s) / f64::from(LOOKS) / case.size;
-                slow_pa += (sent_pa - slow_pa) * share.min(1.0);
-            }
-            drive.reference = GaugePa(slow_pa);
-            goes_on = goes_on && advance(&drive, until_s);
-        }
-        if !goes_on {
-            break;
-        }
-        time_s = next_s;
+        time_s = scene.advance_a_tick(time_s, sent_pa)?;
     }
-    Ok(watch.outcome(&told))
-}
-
-/// A lever is slammed within this \[s\].
-const SLAM_S: f64 = 0.03;
-
-/// How many ticks in a row are to be left out from the fault on.
-fn missing(case: &Case, since_s: Option<f64>) -> f64 {
-    match (case.kind.inject, since_s) {
-        (Inject::Ticks(TickFault::Missed), Some(_)) => case.size,
-        _ => 0.0,
-    }
-}
-
-impl Schedule {
-    /// Ticks that were left out before this one, told once.
-    fn missed_now(&mut self, case: &Case) -> u8 {
-        match case.kind.inject {
-            // Left out for good: the count stays, so that none is left out again.
-            Inject::Ticks(TickFault::Missed) if f64::from(self.missed) == case.size => {
-                self.missed = self.missed.saturating_add(1);
-                case.size as u8
-            }
-            Inject::Ticks(TickFault::Halting) => std::mem::take(&mut self.missed),
-            _ => 0,
-        }
-    }
-
-    fn told_missed(&self, _: &Case) -> u8 {
-        0
-    }
-}
-
-/// What happens at once when the fault falls.
-fn fall(
-    case: &Case,
-    unit: &mut impl Unit,
-    schedule: &mut Schedule,
-    time_s: f64,
-    random: &mut impl Rng,
-) {
-    match case.kind.inject {
-        Inject::Hang => {
-            schedule.reset_s = Some(time_s + case.size);
-            schedule.ticks_again_s = time_s + case.size + BOOT_S;
-        }
-        Inject::PowerLost => {
-            schedule.reset_s = Some(time_s);
-            schedule.ticks_again_s = time_s + case.size + BOOT_S;
-        }
-        Inject::Ticks(TickFault::Clock) => schedule.period_s *= 1.0 + case.size,
-        Inject::Damage(memory) => {
-            unit.damage(memory, case.size as usize, random.random_range(0..1 << 12));
-        }
-        _ => {}
-    }
+    Ok(scene.watch.outcome(&scene.told))
 }
 
 fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
@@ -497,161 +375,30 @@ fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
     }
 }
 
-/// Keeps the worst of a case.
-struct Watch<'a> {
-    case: &'a Case,
-    outcome: Outcome,
-    fallen: bool,
-    begins_m: f64,
-    has_assisted: bool,
-}
-
-impl Watch<'_> {
-    fn new(case: &Case, bounds: Bounds) -> Watch<'_> {
-        let outcome = Outcome {
-            case: case.number,
-            fault: case.words(),
-            moment: case.moment,
-            fault_s: case.fault_s,
-            latched_after_s: None,
-            pressure_pa_max: 0.0,
-            speed_up_m_per_s_max: 0.0,
-            speed_down_m_per_s_max: 0.0,
-            speed_m_per_s_final: 0.0,
-            rise_m: 0.0,
-            fall_m: 0.0,
-            height_m_max: 0.0,
-            thrown: false,
-            mode: Mode::SelfCheck,
-            reason: None,
-            bounds,
-            outside: Vec::new(),
-        };
-        Watch {
-            case,
-            outcome,
-            fallen: false,
-            begins_m: 0.0,
-            has_assisted: false,
-        }
-    }
-
-    fn begin(&mut self, simulation: &Simulation) {
-        self.fallen = true;
-        self.begins_m = self.height_m(simulation);
-    }
-
-    fn height_m(&self, simulation: &Simulation) -> f64 {
-        simulation.contraction() * self.case.rig.muscle.initial_length_m
-    }
-
-    fn look(&mut self, time_s: f64, simulation: &Simulation) {
-        if !self.fallen {
-            return;
-        }
-        let height_m = self.height_m(simulation);
-        let speed_m_per_s =
-            simulation.contraction_rate_per_s() * self.case.rig.muscle.initial_length_m;
-        let outcome = &mut self.outcome;
-        let most = |worst: &mut f64, value: f64| *worst = worst.max(value);
-        most(&mut outcome.pressure_pa_max, simulation.pressure().0);
-        most(&mut outcome.speed_up_m_per_s_max, speed_m_per_s);
-        most(&mut outcome.speed_down_m_per_s_max, -speed_m_per_s);
-        most(&mut outcome.height_m_max, height_m);
-        most(&mut outcome.rise_m, height_m - self.begins_m);
-        most(&mut outcome.fall_m, self.begins_m - height_m);
-        if time_s > self.case.ends_s - END_S {
-            most(&mut outcome.speed_m_per_s_final, speed_m_per_s.abs());
-        }
-    }
-
-    /// The plant's equations end where the muscle's do: what flies on, flies on.
-    fn thrown(&mut self, simulation: &Simulation) {
-        let length_m = self.case.rig.muscle.initial_length_m;
-        let speed_m_per_s = (simulation.contraction_rate_per_s() * length_m).max(0.0);
-        let height_m = self.height_m(simulation)
-            + speed_m_per_s.powi(2) / (2.0 * crate::plant::load::GRAVITY_M_PER_S2);
-        let outcome = &mut self.outcome;
-        outcome.thrown = true;
-        outcome.height_m_max = outcome.height_m_max.max(height_m);
-        outcome.rise_m = outcome.rise_m.max(height_m - self.begins_m);
-        outcome.speed_down_m_per_s_max =
-            outcome.speed_down_m_per_s_max.max(fallen_m_per_s(height_m));
-    }
-
-    fn told(&mut self, time_s: f64, told: &Told) {
-        // A hand that pulls as much as the gauge is off makes it whole again.
-        let assists = told.output.mode == Mode::Assisting;
-        self.has_assisted |= assists && time_s < self.case.finger.followed_s().start;
-        let outcome = &mut self.outcome;
-        if told.output.fault.is_some() {
-            outcome.reason = told.output.fault;
-            if self.fallen && outcome.latched_after_s.is_none() {
-                outcome.latched_after_s = Some(time_s - self.case.fault_s);
-            }
-        }
-    }
-
-    fn outcome(mut self, told: &Told) -> Outcome {
-        let outcome = &mut self.outcome;
-        outcome.mode = told.output.mode;
-        let bounds = outcome.bounds;
-        let Kind {
-            latched,
-            bars_start,
-            ..
-        } = self.case.kind;
-        let must = latched.filter(|latched| {
-            latched.moments.contains(&self.case.moment) && self.begins_m >= latched.above_m
-        });
-        let late = must.is_some_and(|must| {
-            let after_s = outcome.latched_after_s;
-            after_s.is_none_or(|after_s| after_s > must.within_s)
-        });
-        let wrong = must.is_some_and(|must| {
-            let reason = outcome.reason;
-            reason.is_some_and(|reason| !(must.is_right)(reason))
-        });
-        let begun = *bars_start && self.case.moment == Moment::Start && self.has_assisted;
-        let false_alarm = self.case.kind.inject == Inject::Healthy && outcome.reason.is_some();
-        let checks = [
-            (
-                "speed up",
-                outcome.speed_up_m_per_s_max > bounds.speed_up_m_per_s,
-            ),
-            (
-                "speed down",
-                outcome.speed_down_m_per_s_max > bounds.speed_down_m_per_s,
-            ),
-            ("height", outcome.height_m_max > bounds.height_m),
-            ("pressure", outcome.pressure_pa_max > bounds.pressure_pa),
-            ("reason late", late),
-            ("reason wrong", wrong),
-            ("begun", begun),
-            ("false alarm", false_alarm),
-        ];
-        let outside = checks.into_iter().filter(|(_, is_outside)| *is_outside);
-        outcome.outside = outside.map(|(name, _)| name).collect();
-        self.outcome
-    }
-}
-
-/// The settings of a case's board: the nominal rig's, or what is left of stored ones.
-///
-/// # Errors
-/// The rig does not fit a board.
-pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
-    let nominal = crate::rig::Rig::reference();
+/// What the flash of a case's board holds, where something is stored in it.
+pub fn stored(case: &Case) -> Option<Stored> {
     match case.kind.inject {
         Inject::Settings(fault) => {
             let mut random = Pcg64Mcg::seed_from_u64(case.seed);
-            Ok(super::unit::stored_settings(
-                &nominal,
+            Some(Stored::after(
+                &Rig::reference(),
                 fault,
                 case.size,
                 &mut random,
             ))
         }
-        _ => Ok((closed_loop::settings(&nominal)?, true)),
+        _ => None,
+    }
+}
+
+/// The settings of a case's board, and whether it may have them: the nominal rig's, or what is left
+/// of stored ones.
+///
+/// # Errors
+/// The rig does not fit a board.
+pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
+    match stored(case) {
+        Some(stored) => Ok(stored.load()),
+        None => Ok((closed_loop::settings(&Rig::reference())?, true)),
     }
 }

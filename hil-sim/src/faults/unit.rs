@@ -15,7 +15,7 @@ use model_core::timing::Timing;
 use rand::{Rng, RngExt};
 
 /// What a tick has come to.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Told {
     /// The DAC.
     pub valve: DacCount,
@@ -25,8 +25,12 @@ pub struct Told {
 
 /// A device under test.
 pub trait Unit {
-    /// One tick: what the pins say, the ticks missed before it, and the bytes that have come.
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told;
+    /// One tick that comes so late \[s\]: what the pins say, the ticks missed before it, and the
+    /// bytes that have come.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, late_s: f64, bytes: &[u8]) -> Told;
+
+    /// A tick that does not happen.
+    fn skip(&mut self);
 
     /// The chip is reset and its program begins anew.
     fn restart(&mut self);
@@ -61,7 +65,9 @@ impl OnPc {
 }
 
 impl Unit for OnPc {
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, bytes: &[u8]) -> Told {
+    fn skip(&mut self) {}
+
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, bytes: &[u8]) -> Told {
         let timing = Timing {
             missed_ticks,
             ..Timing::default()
@@ -112,60 +118,74 @@ pub fn frame(message: &ToDevice) -> Vec<u8> {
     encode(message, &mut buffer).unwrap_or_default().to_vec()
 }
 
-/// What a board finds in its flash after `fault`, and whether it may: the settings before, those
-/// that were being written, or the reference.
-pub fn stored_settings(
-    rig: &Rig,
-    fault: SettingsFault,
-    size: f64,
-    random: &mut impl Rng,
-) -> (Settings, bool) {
-    const SECTOR_LEN: usize = 4 * SLOT_LEN;
-    let of_gain = |gain: f32| {
-        let values = SettingsValues {
-            gain,
-            ..SettingsValues::reference()
+/// A board's two sectors after a fault of what is stored in them.
+pub struct Stored {
+    /// Their first slots; the rest is blank.
+    pub sectors: [Vec<u8>; 2],
+    /// What may come out: the settings before, those that were being written, the reference.
+    allowed: [Settings; 3],
+}
+
+impl Stored {
+    /// What `fault` leaves.
+    pub fn after(rig: &Rig, fault: SettingsFault, size: f64, random: &mut impl Rng) -> Stored {
+        let of_gain = |gain: f32| {
+            let values = SettingsValues {
+                gain,
+                ..SettingsValues::reference()
+            };
+            closed_loop::settings(rig).and_then(|_| {
+                Settings::new(values).map_err(|error| rig.bad_file(&error.to_string()))
+            })
         };
-        closed_loop::settings(rig)
-            .and_then(|_| Settings::new(values).map_err(|error| rig.bad_file(&error.to_string())))
-    };
-    let (Ok(old), Ok(new), Ok(reference)) = (of_gain(18.0), of_gain(19.0), of_gain(20.0)) else {
-        unreachable!("gains within their limits")
-    };
-    let mut flash = [vec![0xFF_u8; SECTOR_LEN], vec![0xFF; SECTOR_LEN]];
-    let write = |flash: &mut [Vec<u8>; 2], settings: &Settings, share: f64| {
-        if let Ok(write) = store::store([&flash[0], &flash[1]], settings) {
-            let bytes = write.bytes();
-            let done = (share * bytes.len() as f64) as usize;
-            flash[write.sector][write.offset..][..done].copy_from_slice(&bytes[..done]);
-        }
-    };
-    write(&mut flash, &old, 1.0);
-    match fault {
-        SettingsFault::Erased => flash[0].fill(0xFF),
-        SettingsFault::HalfWritten => write(&mut flash, &new, size),
-        SettingsFault::Flipped => {
-            write(&mut flash, &new, 1.0);
-            for _ in 0..size as usize {
-                let bit = random.random_range(0..8 * 2 * SLOT_LEN);
-                flash[0][bit / 8] ^= 1 << (bit % 8);
+        let (Ok(old), Ok(new), Ok(reference)) = (of_gain(18.0), of_gain(19.0), of_gain(20.0))
+        else {
+            unreachable!("gains within their limits")
+        };
+        let mut sectors = [(); 2].map(|()| vec![0xFF_u8; 4 * SLOT_LEN]);
+        write(&mut sectors, &old, 1.0);
+        match fault {
+            SettingsFault::Erased => sectors[0].fill(0xFF),
+            SettingsFault::HalfWritten => write(&mut sectors, &new, size),
+            SettingsFault::Flipped => {
+                write(&mut sectors, &new, 1.0);
+                for _ in 0..size as usize {
+                    let bit = random.random_range(0..8 * 2 * SLOT_LEN);
+                    sectors[0][bit / 8] ^= 1 << (bit % 8);
+                }
             }
-        }
-        SettingsFault::OtherVersion => {
-            // The version comes first in the encoded settings, which the checksum covers.
-            for byte in flash[0].iter_mut().skip(8).take(1) {
-                *byte = byte.wrapping_add(1);
+            SettingsFault::OtherVersion => {
+                // The version comes first in the encoded settings, which the checksum covers.
+                sectors[0][8] = sectors[0][8].wrapping_add(1);
             }
-        }
-        SettingsFault::CutWhileErasing => {
-            for cell in flash.iter_mut().flat_map(|sector| sector.iter_mut()) {
-                if random.random_bool(size) {
-                    *cell = 0xFF;
+            SettingsFault::CutWhileErasing => {
+                for cell in sectors.iter_mut().flatten() {
+                    if random.random_bool(size) {
+                        *cell = 0xFF;
+                    }
                 }
             }
         }
+        Stored {
+            sectors,
+            allowed: [old, new, reference],
+        }
     }
-    let found = store::load([&flash[0], &flash[1]]).ok().flatten();
-    let found = found.unwrap_or(reference);
-    (found, [old, new, reference].contains(&found))
+
+    /// What a board makes of it, and whether it may.
+    pub fn load(&self) -> (Settings, bool) {
+        let [old, new, reference] = self.allowed;
+        let found = store::load([&self.sectors[0], &self.sectors[1]]);
+        let found = found.ok().flatten().unwrap_or(reference);
+        (found, [old, new, reference].contains(&found))
+    }
+}
+
+/// Writes settings; `share` of their bytes.
+fn write(sectors: &mut [Vec<u8>; 2], settings: &Settings, share: f64) {
+    if let Ok(write) = store::store([&sectors[0], &sectors[1]], settings) {
+        let bytes = write.bytes();
+        let done = (share * bytes.len() as f64) as usize;
+        sectors[write.sector][write.offset..][..done].copy_from_slice(&bytes[..done]);
+    }
 }

@@ -114,6 +114,16 @@ impl Board {
         self.cpu.pass_unpowered(now + from_ns(RESET_PULSE_NS));
     }
 
+    /// Holds the core, as code that masks its interrupts and does not end, or lets it go on. All
+    /// else goes on: timers, DMA, watchdog.
+    pub fn hold_core(&mut self, held: bool) {
+        self.cpu.held = held;
+        if held {
+            // It is busy, not asleep: the cycle counter counts.
+            self.cpu.asleep = false;
+        }
+    }
+
     /// Presses and releases the reset button.
     pub fn reset_pin(&mut self) {
         if self.powered {

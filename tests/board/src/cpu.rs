@@ -27,6 +27,8 @@ pub(crate) struct Cpu {
     pub(crate) uc: Engine<'static>,
     pub(crate) asleep: bool,
     pub(crate) locked_up: bool,
+    /// It executes nothing; all else goes on.
+    pub held: bool,
     /// Where exceptions are written down, if anybody wants to know.
     pub trace: Option<Vec<ExceptionEvent>>,
 }
@@ -39,6 +41,7 @@ impl Cpu {
             uc,
             asleep: false,
             locked_up: false,
+            held: false,
             trace: None,
         };
         cpu.scramble_ram(0);
@@ -171,7 +174,8 @@ impl Cpu {
             }
             let next = self.soc().next_event().min(end);
             let busy_until = self.soc().flash.busy_until();
-            if self.locked_up || busy_until > now && is_flash(self.reg(R::PC)) {
+            let waits = busy_until > now && is_flash(self.reg(R::PC));
+            if self.locked_up || self.held || waits {
                 // a core that waits for the flash takes no exceptions either
                 self.soc_mut().now = next;
                 continue;

@@ -1,13 +1,15 @@
 //! The fault campaign on the image that would be flashed, beside the same cases on the PC.
 //!
-//! Sensors break at the pins, bits flip in the RAM, and resets are resets. Ticks and stored
-//! settings are broken in timing.rs and settings.rs.
+//! Sensors break at the pins, bits flip in the RAM, stored settings in the flash; ticks are late or
+//! missing as the core is held. Where a program hangs, the reset that the watchdog makes (crash.rs)
+//! comes when the case has it.
 
 use crate::rig::{BRIDGE, MS, PRESSURE, Rig, TICK_NS, volts};
 use hil_sim::faults::Case;
 use hil_sim::faults::campaign::run_case;
 use hil_sim::faults::kind::{Inject, KINDS, Memory};
-use hil_sim::faults::run::{Outcome, run, settings};
+use hil_sim::faults::outcome::Outcome;
+use hil_sim::faults::run::{run, settings, stored};
 use hil_sim::faults::unit::{Told, Unit};
 use model_core::device::{Device, Pins};
 use model_core::frame::Output;
@@ -16,21 +18,35 @@ use std::collections::BTreeMap;
 
 /// Cases, unless FAULT_CASES says otherwise.
 const CASES: u64 = 60;
+/// From a reset to the end of the first conversions, rounded up; the others keep that distance.
+const CONVERTED_NS: u64 = 1_200_000;
+/// From a tick to its telemetry's end.
+const TOLD_NS: u64 = 3 * MS;
+/// Where settings lie: the flash's last two sectors.
+const SECTORS: [u32; 2] = [0x0804_0000, 0x0806_0000];
 /// The firmware's device in RAM, by the name that RTIC gives it.
 const DEVICE: &str = "rtic_internal_local_resource_device";
 
 /// The board, a tick at a time.
 struct OnBoard {
     rig: Rig,
-    told_ns: u64,
+    /// When it was reset, and so many ticks later.
+    tick_ns: u64,
+    held: bool,
     output: Output,
 }
 
 impl OnBoard {
-    fn new() -> Option<OnBoard> {
+    fn new(case: &Case) -> Option<OnBoard> {
+        let mut rig = Rig::new()?;
+        let stored = stored(case).map(|stored| stored.sectors);
+        for (sector, address) in stored.iter().flatten().zip(SECTORS) {
+            rig.board.write_flash(address, sector);
+        }
         Some(OnBoard {
-            rig: Rig::new()?,
-            told_ns: 5 * MS,
+            rig,
+            tick_ns: 0,
+            held: false,
             output: Output::default(),
         })
     }
@@ -42,14 +58,34 @@ impl OnBoard {
 }
 
 impl Unit for OnBoard {
-    fn tick(&mut self, pins: &Pins, _: u8, bytes: &[u8]) -> Told {
+    /// The core is held beyond the tick's time.
+    fn skip(&mut self) {
+        self.rig.board.hold_core(true);
+        self.held = true;
+        self.rig
+            .board
+            .run_until(self.tick_ns + CONVERTED_NS + TOLD_NS);
+        self.tick_ns += TICK_NS;
+    }
+
+    fn tick(&mut self, pins: &Pins, _: u8, late_s: f64, bytes: &[u8]) -> Told {
         let board = &mut self.rig.board;
         board.set_analog(BRIDGE, volts(pins.bridge.0));
         board.set_analog(PRESSURE, volts(pins.pressure.0));
         board.set_encoder(i64::from(pins.encoder.0 as i32));
         board.link_send(bytes);
-        board.run_until(self.told_ns);
-        self.told_ns += TICK_NS;
+        let late_ns = (1e9 * late_s) as u64;
+        if self.held || late_ns > 0 {
+            board.hold_core(true);
+            // What was pending from a tick before is this one then.
+            board.run_until(self.tick_ns + CONVERTED_NS + late_ns);
+            board.hold_core(false);
+            self.held = false;
+        }
+        // Of a very late one the telemetry is read with the next: then the next conversions begin.
+        let told_ns = (CONVERTED_NS + late_ns + TOLD_NS).min(TICK_NS + CONVERTED_NS - MS / 5);
+        board.run_until(self.tick_ns + told_ns);
+        self.tick_ns += TICK_NS;
         if let Some(telemetry) = self.rig.telemetry().last() {
             self.output = telemetry.output;
         }
@@ -62,7 +98,7 @@ impl Unit for OnBoard {
 
     fn restart(&mut self) {
         self.rig.board.reset_pin();
-        self.told_ns = self.rig.board.time_ns() + 5 * MS;
+        self.tick_ns = self.rig.board.time_ns();
         self.output = Output::default();
     }
 
@@ -92,11 +128,8 @@ fn faults_end_on_the_board_as_they_do_on_the_pc() {
     let (mut compared, mut kinds) = (0, BTreeMap::new());
     for number in 0..cases {
         let case = Case::new(2, number);
-        if matches!(case.kind.inject, Inject::Ticks(_) | Inject::Settings(_)) {
-            continue;
-        }
         let (settings, _) = settings(&case).expect("the reference rig is a board's");
-        let mut board = OnBoard::new().expect("the firmware is there");
+        let mut board = OnBoard::new(&case).expect("the firmware is there");
         let there = run(&case, &settings, &mut board, |_| {}).expect("it runs");
         *kinds.entry(case.kind.name).or_insert(0) += 1;
         // Where a random bit flips is not the same here; all else is.

@@ -1,0 +1,19 @@
+//! Random use without end: no drift, no overflow, no fault. In full (overflows are checked):
+//! `SOAK_HOURS=24 cargo test --test soak -- --nocapture`.
+
+#[path = "board/soak.rs"]
+mod soak;
+
+use model_core::controller::Controller;
+use model_core::settings::{Settings, SettingsValues};
+
+/// Hours of the plant, unless SOAK_HOURS says otherwise.
+const HOURS: f64 = 0.5;
+
+#[test]
+fn hours_of_use_end_as_they_began() {
+    let hours = std::env::var("SOAK_HOURS").map_or(HOURS, |hours| hours.parse().expect("hours"));
+    let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
+    let mut controller = Controller::new(settings);
+    soak::soak(hours, &settings, |sensors| controller.tick(sensors));
+}
