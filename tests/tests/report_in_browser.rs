@@ -2,9 +2,16 @@
 
 use hil_sim::closed_loop::Experiment;
 use hil_sim::design_report::{Question, design_report};
+use hil_sim::diagnose::{Diagnosed, diagnose, report::report as diagnosis_report};
+use hil_sim::effects::CATALOGUE;
 use hil_sim::paper::paper;
+use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::report::{Plot, Report, Series};
 use hil_sim::rig::Rig;
+use hil_sim::simulate::simulate;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::SeedableRng;
 use serde_json::{Value, json};
 use std::collections::HashSet;
 use std::io::Write;
@@ -21,6 +28,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Contrast that WCAG 2 asks of text, and of the lines of a plot.
 const TEXT_CONTRAST: f64 = 4.5;
 const LINE_CONTRAST: f64 = 3.0;
+
+/// The reference rig's file.
+const REFERENCE: &str = include_str!("../../hil-sim/src/reference_rig.toml");
 
 /// What several tests ask of the page.
 const HELPERS: &str = r#"
@@ -313,6 +323,49 @@ fn chromium() -> Option<PathBuf> {
         .find(|file| file.is_file())
 }
 
+/// A rig with a leak that only its records know, and what a diagnosis with a small catalogue finds.
+fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
+    let nominal = Rig::reference();
+    let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 8e-9\n";
+    let text = format!("{REFERENCE}\n{leak}");
+    let leaking = Rig::parse("rig.toml", &text).expect("a rig");
+    let record = |seed: u64| {
+        let time_s: Vec<f64> = (0..800).map(|row| f64::from(row) * 0.01).collect();
+        let levels_pa = [3.0e5, 3.6e5, 2.8e5, 4.0e5];
+        let level = |t: &f64| levels_pa[(t / 0.7) as usize * (seed as usize + 1) % 4];
+        let mut record = Record::new(time_s.clone());
+        record.set(PRESSURE_REF_PA, time_s.iter().map(level).collect());
+        let first = |value: f64| {
+            (0..800)
+                .map(|r| if r == 0 { value } else { f64::NAN })
+                .collect()
+        };
+        record.set(PRESSURE_PA, first(3e5));
+        record.set(CONTRACTION, first(0.1));
+        let mut simulated = simulate(&leaking, &record, 1e-5).expect("a run");
+        let mut random = Pcg64::seed_from_u64(seed);
+        for (name, noise) in [(PRESSURE_PA, 250.0), (CONTRACTION, 3e-5)] {
+            let normal = Normal::new(0.0, noise).expect("a spread");
+            let clean = simulated.require(name).expect("a column").to_vec();
+            let read = clean.iter().map(|v| v + normal.sample(&mut random));
+            simulated.set(name, read.collect());
+        }
+        simulated.set(
+            PRESSURE_REF_PA,
+            record.require(PRESSURE_REF_PA).expect("it").to_vec(),
+        );
+        simulated
+    };
+    let kept = ["leak", "payload"];
+    let names = CATALOGUE.iter().map(|kind| kind.name.to_string());
+    let without: Vec<String> = names.filter(|name| !kept.contains(&&name[..])).collect();
+    let validate = vec![record(1)];
+    let diagnosed = diagnose(&nominal, &[record(0)], &validate, &without, &|_| ());
+    let diagnosed = diagnosed.expect("a diagnosis");
+    let fitted = diagnosed.fitted.rewritten(REFERENCE).expect("TOML");
+    (diagnosed, validate, fitted)
+}
+
 /// Every kind of plot in one report: linear and logarithmic, markers both ways, lines of
 /// different length.
 fn report() -> &'static Report {
@@ -326,6 +379,14 @@ fn report() -> &'static Report {
         let (mut report, ..) = paper(&rig, &Experiment::PAPER).expect("the paper");
         let (design, _) = design_report(&rig, &question).expect("a design");
         report.sections.extend(design.sections);
+        let (diagnosed, validate, fitted) = diagnosed();
+        let diagnosis = diagnosis_report(&diagnosed, &validate, &fitted);
+        assert!(
+            diagnosis.verdict[0].contains("leak"),
+            "{:?}",
+            diagnosis.verdict
+        );
+        report.sections.extend(diagnosis.sections);
         report
     })
 }
