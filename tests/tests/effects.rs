@@ -302,17 +302,19 @@ const STROKES: [(f64, f64); 6] = [
     (4.0, 0.15),
 ];
 
-fn hysteresis(form: &str, third: Option<(&str, f64)>) -> String {
-    let mut parameters = vec![("force_n", 20.0), ("reach", REACH)];
-    parameters.extend(third);
-    effect("hysteresis", form, &parameters)
+fn hysteresis(form: &str, third: (&str, f64)) -> String {
+    effect(
+        "hysteresis",
+        form,
+        &[("force_n", 20.0), ("reach", REACH), third],
+    )
 }
 
 fn hystereses() -> [String; 3] {
     [
-        hysteresis("maxwell-slip", None),
-        hysteresis("bouc-wen", Some(("sharpness", 2.0))),
-        hysteresis("duhem", Some(("asymmetry", 1.5))),
+        hysteresis("maxwell-slip", ("spread", 1.0)),
+        hysteresis("bouc-wen", ("sharpness", 2.0)),
+        hysteresis("duhem", ("asymmetry", 1.5)),
     ]
 }
 
@@ -352,17 +354,20 @@ fn hysteresis_opposes_the_motion_in_proportion_to_pressure() {
 /// Each element: 1 − min(x/r, 2) at a distance x from a reversal that was reached in full.
 #[test]
 fn maxwell_slip_is_the_sum_of_its_elements_and_closes_minor_loops() {
-    let added = added_n(
-        &hysteresis("maxwell-slip", None),
-        &bench(STEP_S, 401, through(STROKES), |_| 3e5),
-    );
-    for (row, added) in added.iter().enumerate().take(201).skip(101) {
-        let way = 0.1 * (row - 100) as f64 * STEP_S;
-        let share = |i: i32| 1.0 - (way / (REACH * (f64::from(i) + 0.5) / 6.0)).min(2.0);
-        let expected_n = -20.0 * (0..6).map(share).sum::<f64>() / 6.0;
-        assert_near(*added, expected_n, 1e-6, "on the way out");
+    for spread in [1.0, 2.0] {
+        let added = added_n(
+            &hysteresis("maxwell-slip", ("spread", spread)),
+            &bench(STEP_S, 401, through(STROKES), |_| 3e5),
+        );
+        for (row, added) in added.iter().enumerate().take(201).skip(101) {
+            let way = 0.1 * (row - 100) as f64 * STEP_S;
+            let reach = |i: i32| REACH * ((f64::from(i) + 0.5) / 6.0).powf(spread);
+            let share = |i: i32| 1.0 - (way / reach(i)).min(2.0);
+            let expected_n = -20.0 * (0..6).map(share).sum::<f64>() / 6.0;
+            assert_near(*added, expected_n, 1e-6, "on the way out");
+        }
+        assert_near(added[280], added[200], 1e-6, "the minor loop");
     }
-    assert_near(added[280], added[200], 1e-6, "the minor loop");
 }
 
 #[test]
@@ -374,7 +379,7 @@ fn bouc_wen_and_duhem_follow_their_closed_forms() {
         |_| 3e5,
     );
     let contraction = |row: usize| 0.1 * row as f64 * STEP_S;
-    let tanh = added_n(&hysteresis("bouc-wen", Some(("sharpness", 2.0))), &record);
+    let tanh = added_n(&hysteresis("bouc-wen", ("sharpness", 2.0)), &record);
     let dahl = added_n(&hysteresis("duhem", Some(("asymmetry", 2.0))), &record);
     for row in 0..=100 {
         let ways = contraction(row) / REACH;
@@ -424,8 +429,9 @@ fn creep_relaxes_after_a_step() {
     let strain = bench(STEP_S, 501, step(0.0, 0.125), |_| 2e5);
     let one = [("force_n", size_n), ("time_constant_s", time_constant_s)];
     let two = [
-        ("force_n", size_n),
+        ("fast_force_n", 0.5 * size_n),
         ("fast_time_constant_s", 0.5),
+        ("slow_force_n", 0.5 * size_n),
         ("slow_time_constant_s", 20.0),
     ];
     for (form, parameters, record, share, times_s) in [
@@ -437,6 +443,13 @@ fn creep_relaxes_after_a_step() {
             &strain,
             0.5,
             [time_constant_s; 2],
+        ),
+        (
+            "two-strain-relaxations",
+            &two[..],
+            &strain,
+            0.5,
+            [0.5, 20.0],
         ),
     ] {
         let added = added_n(&effect("creep", form, parameters), record);
@@ -500,6 +513,12 @@ fn static_terms_of_the_force_are_their_formulas() {
         &|contraction, pressure_pa| {
             let force_n = law.force_n(contraction, GaugePa(pressure_pa));
             0.5 * (force_n.hypot(10.0) - force_n)
+        },
+    );
+    check(
+        effect("slack", "folded", &[("push_share", 0.2)]),
+        &|contraction, pressure_pa| {
+            (-0.8 * law.force_n(contraction, GaugePa(pressure_pa))).max(0.0)
         },
     );
 }

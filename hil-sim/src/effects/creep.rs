@@ -10,7 +10,16 @@ use crate::plant::term::Dynamics;
 use model_core::muscle::Muscle;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 15.0).neutral(0.0);
-const TIME_CONSTANT_S: Parameter = Parameter::new("time_constant_s", "s", (0.05, 1e3), 5.0).log();
+// Faster than this is a line's lag, or the gas's heat.
+const TIME_CONSTANT_S: Parameter = Parameter::new("time_constant_s", "s", (0.3, 1e3), 5.0).log();
+
+/// Sizes and time constants of a fast and a slow relaxation.
+const TWO: [Parameter; 4] = [
+    Parameter::new("fast_force_n", "N", (0.0, 1e3), 8.0).neutral(0.0),
+    Parameter::new("fast_time_constant_s", "s", (0.3, 1e3), 1.0).log(),
+    Parameter::new("slow_force_n", "N", (0.0, 1e3), 8.0).neutral(0.0),
+    Parameter::new("slow_time_constant_s", "s", (0.3, 1e4), 15.0).log(),
+];
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "creep",
@@ -21,23 +30,16 @@ pub(super) const KIND: EffectKind = EffectKind {
         Form {
             name: "relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
-            source: "One relaxation of the pressure, its size at a step of 300 kPa; Tondu 2012. \
-                     Leaves out the decades a rubber's relaxation spans.",
-            build: |values| pressure_driven(vec![(values[0], values[1])]),
+            source: "One relaxation of the pressure, which acts through the braid, its size at a \
+                     step of 300 kPa without contraction; Tondu 2012. Leaves out the decades a rubber's relaxation spans.",
+            build: |values| relaxations(vec![(values[0], values[1])], BY_PRESSURE),
         },
         Form {
             name: "two-relaxations",
-            parameters: &[
-                FORCE_N,
-                Parameter::new("fast_time_constant_s", "s", (0.05, 1e3), 2.0).log(),
-                Parameter::new("slow_time_constant_s", "s", (0.05, 1e4), 20.0).log(),
-            ],
-            source: "Two relaxations of the pressure with equal shares of the size at a step of \
-                     300 kPa. Leaves out shares that differ.",
-            build: |values| {
-                let half_n = 0.5 * values[0];
-                pressure_driven(vec![(half_n, values[1]), (half_n, values[2])])
-            },
+            parameters: &TWO,
+            source: "Two relaxations of the pressure, their sizes at a step of 300 kPa. Leaves out \
+                     the decades a rubber's relaxation spans.",
+            build: |values| relaxations(pair(values), BY_PRESSURE),
         },
         Form {
             name: "logarithmic",
@@ -47,7 +49,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                      Leaves out what is over before 0.2 s or begins after 1000 s.",
             build: |values| {
                 let branches = LOGARITHMIC_TIME_CONSTANTS_S.map(|time_s| (values[0], time_s));
-                pressure_driven(branches.to_vec())
+                relaxations(branches.to_vec(), BY_PRESSURE)
             },
         },
         Form {
@@ -56,12 +58,15 @@ pub(super) const KIND: EffectKind = EffectKind {
             source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener), its \
                      size at a step of 0.25 in contraction. Leaves out what a step of the \
                      pressure alone leaves behind.",
-            build: |values| {
-                Term::Muscle(Box::new(Relaxations {
-                    branches: vec![(values[0], values[1])],
-                    drive: |at| at.contraction / REFERENCE_CONTRACTION,
-                }))
-            },
+            build: |values| relaxations(vec![(values[0], values[1])], BY_STRAIN),
+        },
+        Form {
+            name: "two-strain-relaxations",
+            parameters: &TWO,
+            source: "Two relaxations of the bladder's strain, in parallel with Eq 1 (generalized \
+                     Maxwell), their sizes at a step of 0.25 in contraction. Leaves out what a \
+                     step of the pressure alone leaves behind.",
+            build: |values| relaxations(pair(values), BY_STRAIN),
         },
     ],
 };
@@ -69,18 +74,39 @@ pub(super) const KIND: EffectKind = EffectKind {
 /// Time constants of the logarithmic form \[s\].
 const LOGARITHMIC_TIME_CONSTANTS_S: [f64; 4] = [0.5, 5.0, 50.0, 500.0];
 
-fn pressure_driven(branches: Vec<(f64, f64)>) -> Term {
-    Term::Muscle(Box::new(Relaxations {
-        branches,
-        drive: |at| at.pressure.0 / REFERENCE_PRESSURE_PA,
-    }))
+fn pair(values: &[f64]) -> Vec<(f64, f64)> {
+    vec![(values[0], values[1]), (values[2], values[3])]
+}
+
+/// What the states follow, and how it pulls at a contraction.
+#[derive(Clone, Copy)]
+struct Drive {
+    value: fn(&MusclePoint) -> f64,
+    share: fn(&MusclePoint, &Muscle<f64>) -> f64,
+}
+
+/// Pressure that the bladder does not pass on yet acts through the braid, as in Eq 1.
+const BY_PRESSURE: Drive = Drive {
+    value: |at| at.pressure.0 / REFERENCE_PRESSURE_PA,
+    share: |at, muscle| {
+        muscle.force_per_pressure_m2(at.contraction) / muscle.force_per_pressure_m2(0.0)
+    },
+};
+
+const BY_STRAIN: Drive = Drive {
+    value: |at| at.contraction / REFERENCE_CONTRACTION,
+    share: |_, _| 1.0,
+};
+
+fn relaxations(branches: Vec<(f64, f64)>, drive: Drive) -> Term {
+    Term::Muscle(Box::new(Relaxations { branches, drive }))
 }
 
 /// The states follow the drive with the branches' time constants.
 struct Relaxations {
-    /// Size \[N\] at a drive of 1, and time constant \[s\].
+    /// Size \[N\] at a drive of 1 and no contraction, and time constant \[s\].
     branches: Vec<(f64, f64)>,
-    drive: fn(&MusclePoint) -> f64,
+    drive: Drive,
 }
 
 impl Dynamics<MusclePoint> for Relaxations {
@@ -89,11 +115,11 @@ impl Dynamics<MusclePoint> for Relaxations {
     }
 
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
-        state.fill((self.drive)(at));
+        state.fill((self.drive.value)(at));
     }
 
     fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
-        let drive = (self.drive)(at);
+        let drive = (self.drive.value)(at);
         for (i, (_, time_constant_s)) in self.branches.iter().enumerate() {
             rates[i] = (drive - state[i]) / time_constant_s;
         }
@@ -101,10 +127,10 @@ impl Dynamics<MusclePoint> for Relaxations {
 }
 
 impl MuscleTerm for Relaxations {
-    fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let drive = (self.drive)(at);
+    fn force_n(&self, at: &MusclePoint, muscle: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        let drive = (self.drive.value)(at);
         let branches = self.branches.iter().zip(state);
         let missing_n = branches.map(|((size_n, _), state)| size_n * (drive - state));
-        force_n - missing_n.sum::<f64>()
+        force_n - (self.drive.share)(at, muscle) * missing_n.sum::<f64>()
     }
 }

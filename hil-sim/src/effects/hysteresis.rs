@@ -23,15 +23,21 @@ pub(super) const KIND: EffectKind = EffectKind {
     forms: &[
         Form {
             name: "maxwell-slip",
-            parameters: &[FORCE_N, REACH],
-            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, \
-                     thresholds spread evenly up to the reach, in proportion to pressure, half \
-                     the loop's width at 300 kPa as its size; Shin & Kogiso 2020, Tondu 2012. \
-                     Leaves out loops that are wider one way than the other.",
+            parameters: &[
+                FORCE_N,
+                REACH,
+                Parameter::new("spread", "1", (0.3, 6.0), 1.0).log(),
+            ],
+            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, in \
+                     proportion to pressure, half the loop's width at 300 kPa as its size; the \
+                     thresholds grow up to the reach with a power, 1 spreads them evenly; Shin & \
+                     Kogiso 2020, Tondu 2012. Leaves out loops that are wider one way than the \
+                     other.",
             build: |values| {
                 Term::Muscle(Box::new(MaxwellSlip {
                     force_n: values[0],
                     reach: values[1],
+                    spread: values[2],
                 }))
             },
         },
@@ -85,12 +91,14 @@ const ELEMENTS: usize = 6;
 struct MaxwellSlip {
     force_n: f64,
     reach: f64,
+    spread: f64,
 }
 
 impl MaxwellSlip {
     /// How far the spring of each element can be stretched \[-\].
     fn thresholds(&self) -> [f64; ELEMENTS] {
-        core::array::from_fn(|i| self.reach * (i as f64 + 0.5) / ELEMENTS as f64)
+        let place = |i| (i as f64 + 0.5) / ELEMENTS as f64;
+        core::array::from_fn(|i| self.reach * place(i).powf(self.spread))
     }
 }
 

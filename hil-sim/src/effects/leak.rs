@@ -1,7 +1,7 @@
 //! `leak`: air escapes from the muscle to the surroundings.
 
 use super::orifice::Orifice;
-use super::{EffectKind, Form, Parameter};
+use super::{EffectKind, Form, Parameter, REFERENCE_PRESSURE_PA};
 use crate::plant::Term;
 use crate::plant::gas::{Exchange, GasPoint, GasTerm};
 use crate::plant::term::Dynamics;
@@ -22,8 +22,9 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[CONDUCTANCE],
             source: "Laminar leak, flow in proportion to the gauge pressure. Leaves out choking.",
             build: |values| {
-                Term::Gas(Box::new(Linear {
+                Term::Gas(Box::new(Gap {
                     conductance_kg_per_pa_s: values[0],
+                    power: 1.0,
                 }))
             },
         },
@@ -39,22 +40,40 @@ pub(super) const KIND: EffectKind = EffectKind {
                 })))
             },
         },
+        Form {
+            name: "power",
+            parameters: &[
+                CONDUCTANCE,
+                Parameter::new("power", "1", (0.2, 5.0), 1.0).log(),
+            ],
+            source: "Flow in proportion to a power of the gauge pressure, the conductance at 300 \
+                     kPa: about 0.5 where it is turbulent, above 1 where pressure opens the gap \
+                     (a tear, a seal). Leaves out choking.",
+            build: |values| {
+                Term::Gas(Box::new(Gap {
+                    conductance_kg_per_pa_s: values[0],
+                    power: values[1],
+                }))
+            },
+        },
     ],
 };
 
 /// Critical ratio of a short hole, near that of a nozzle \[-\].
 const HOLE_CRITICAL_RATIO: f64 = 0.5;
 
-struct Linear {
+struct Gap {
     conductance_kg_per_pa_s: f64,
+    power: f64,
 }
 
-impl Dynamics<GasPoint> for Linear {}
+impl Dynamics<GasPoint> for Gap {}
 
-impl GasTerm for Linear {
+impl GasTerm for Gap {
     fn exchange(&self, at: &GasPoint, _: &[f64], exchange: &mut Exchange) {
         let gauge_pa = at.pressure.to_gauge(at.atmospheric).0;
-        exchange.outflow_kg_per_s += self.conductance_kg_per_pa_s * gauge_pa.max(0.0);
+        let share = (gauge_pa.max(0.0) / REFERENCE_PRESSURE_PA).powf(self.power);
+        exchange.outflow_kg_per_s += self.conductance_kg_per_pa_s * REFERENCE_PRESSURE_PA * share;
     }
 }
 
