@@ -187,7 +187,6 @@ fn an_unknown_effect_cannot_be_left_out() {
 }
 
 #[test]
-#[ignore = "nothing is named, but the rig is not doubted either"]
 fn a_rig_of_half_the_length_is_doubted_and_nothing_is_named() {
     let bench = Bench::new();
     let halved = |line: &str| match line.split_once(" = ") {

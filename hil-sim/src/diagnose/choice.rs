@@ -23,6 +23,8 @@ const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"
 const NOISE_ONLY: f64 = 1.3;
 /// Gain in cost that noise alone does not give.
 const GAIN: f64 = 24.0;
+/// Cost by which the free motion may be worse than with nothing: where a weight sticks is chance.
+const WORSE: f64 = 16.0;
 /// Promised gain that is worth a fit where nothing is above the noise.
 const PROMISE: f64 = 10.0;
 /// Share of what another effect on the same block promises that is worth a fit.
@@ -31,11 +33,14 @@ const SHARE_OF_PROMISE: f64 = 0.03;
 const GAIN_PARAMETER: f64 = 4.0;
 /// Share of what is left without an effect that the effect must explain.
 const SHARE_OF_MEMBER: f64 = 0.4;
+/// Share of what other forms of the others leave that it must explain if they explain more than it.
+const SHARE_OF_REST: f64 = 0.2;
 /// A size is none below this share of the usual one.
 const NOTHING: f64 = 1e-6;
-/// Share of all that is gained that a member must gain: an effect in another form than its own
-/// leaves something that a second one could take up.
-const SHARE_OF_ALL: f64 = 0.06;
+/// Share of what the others gain that a member must gain: no form is known better than 5 %.
+const SHARE_OF_ALL: f64 = 0.05 * 0.05;
+/// Share of what a member gains that nominal values may be moved for it.
+const SHARE_OF_CALIBRATION: f64 = 0.01;
 /// Share of its blocks' noise that a member must gain: the noise, and how the model is solved, are
 /// not known better.
 const SHARE_OF_NOISE: f64 = 0.02;
@@ -275,6 +280,25 @@ impl<M: Model> Search<'_, '_, M> {
         variants
     }
 
+    /// What is left of the leading sets without one of their members.
+    fn subsets(&self, members: usize) -> Vec<Vec<usize>> {
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let leading = self.distinct(of_size.map(|h| h.candidates.clone()), VARIED);
+        let mut subsets = Vec::new();
+        for (set, place) in leading
+            .iter()
+            .flat_map(|set| (0..members).map(move |p| (set, p)))
+        {
+            let mut subset = set.clone();
+            subset.remove(place);
+            let known = self.tried.iter().any(|h| h.candidates == subset);
+            if !known && !subsets.contains(&subset) {
+                subsets.push(subset);
+            }
+        }
+        subsets
+    }
+
     /// Whether every size of an effect is at the bound where it does nothing.
     fn vanishes(&self, (candidate, values): &Active) -> bool {
         let parameters = &self.engine.model.candidates()[*candidate].parameters;
@@ -308,7 +332,7 @@ impl<M: Model> Search<'_, '_, M> {
             return false;
         }
         // What makes the free motion worse than nothing does is no explanation.
-        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + GAIN;
+        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + WORSE;
         if null.is_some_and(worse) {
             return false;
         }
@@ -334,8 +358,37 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let without = self.tried.iter().find(keeps);
             without.is_some_and(|without| {
-                self.score(without) - own >= self.asked(hypothesis, place, without)
+                hypothesis.fit.free_run < without.fit.free_run + GAIN
+                    && self.score(without) - own >= self.asked(hypothesis, place, without)
+                    && self.beyond_form(hypothesis, place, without)
             })
+        })
+    }
+
+    /// Whether the member at `place` of `hypothesis` explains what no other form of the other
+    /// members would, which are all that is in `without`.
+    fn beyond_form(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
+        let mut others = hypothesis.candidates.clone();
+        let own = others.remove(place);
+        let tied = self.engine.tied(hypothesis, own);
+        let costs = || {
+            let with = self.engine.reshaped(hypothesis, &others, &tied)?;
+            let plain = self.engine.reshaped(without, &[], &tied)?;
+            let without = self.engine.reshaped(without, &without.candidates, &tied)?;
+            Some((with, plain, without))
+        };
+        costs().is_some_and(|(with, plain, reshaped)| {
+            let blocks = &self.engine.model.candidates()[own].blocks;
+            let parts = without.fit.parts.iter();
+            let left = parts
+                .filter(|part| blocks.contains(&part.block))
+                .map(|part| {
+                    (part.fitted.cost - 0.5 * NOISE_ONLY * part.fitted.count as f64).max(0.0)
+                });
+            let left = left.sum::<f64>() - (plain - reshaped);
+            // More than another form, too, or a good part of all.
+            let of_form = (plain - reshaped).min(SHARE_OF_REST * reshaped);
+            reshaped - with >= (0.5 * GAIN).max(SHARE_OF_MEMBER * left).max(of_form)
         })
     }
 
@@ -343,26 +396,27 @@ impl<M: Model> Search<'_, '_, M> {
     fn asked(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> f64 {
         let all = self.engine.model.candidates();
         let blocks = &all[hypothesis.candidates[place]].blocks;
-        let own = |part: &&Part| blocks.contains(&part.block);
-        let left = blocks.iter().map(|block| excess_of(&without.fit, *block));
-        let parts = || hypothesis.fit.parts.iter().filter(own);
-        let count: usize = parts().map(|part| part.total().count).sum();
+        let parts = |h: &Hypothesis| h.fit.parts.clone().into_iter();
+        let own = |part: &Part| blocks.contains(&part.block);
+        let noise: f64 = parts(hypothesis)
+            .filter(own)
+            .map(|part| 0.5 * part.total().count as f64)
+            .sum();
         // Only what is fitted to the same residuals takes up what another's form leaves.
-        let beside = |block: usize| {
-            let mut others = hypothesis.candidates.iter().enumerate();
-            others.any(|(other, c)| other != place && all[*c].blocks.contains(&block))
+        let beside = |part: &Part| {
+            let mut others = without.candidates.iter();
+            own(part) && others.any(|other| all[*other].blocks.contains(&part.block))
+        };
+        let cost = |h: &Hypothesis| -> f64 {
+            let parts = parts(h).filter(beside);
+            parts.map(|part| part.total().cost).sum()
         };
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
-        let gained = parts().filter(|part| beside(part.block)).map(|part| {
-            let before = null.and_then(|null| {
-                let mut parts = null.fit.parts.iter();
-                parts.find(|of_null| of_null.block == part.block)
-            });
-            before.map_or(0.0, |before| before.total().cost - part.total().cost)
-        });
-        GAIN.max(SHARE_OF_MEMBER * left.sum::<f64>())
-            .max(SHARE_OF_ALL * gained.sum::<f64>())
-            .max(SHARE_OF_NOISE * 0.5 * count as f64)
+        let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
+        let prior = hypothesis.fit.prior - without.fit.prior;
+        GAIN.max(SHARE_OF_NOISE * noise)
+            .max(SHARE_OF_ALL * of_others)
+            .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }
 
     /// Other effects that would do as well as a member of `best`.
@@ -425,6 +479,7 @@ impl<M: Model> Search<'_, '_, M> {
                 let variants = self.variants(members);
                 (self.watch)(Step::Stage("effects in other forms", variants.len()));
                 self.try_all(&variants);
+                self.try_all(&self.subsets(members));
             }
             let taken = self.taken();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());

@@ -5,6 +5,8 @@
 //! fit moves nominal values within their priors and the parameters of some candidates. Blocks that
 //! no candidate ties together are fitted apart, and what was fitted once is kept.
 
+mod reshaped;
+
 use super::least_squares::{
     Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, loss, minimize, weight,
 };
@@ -229,9 +231,6 @@ const TIGHT: Goal = Goal {
     absolute: 0.01,
     evaluations: 80,
 };
-/// How often the slopes with nominal values serve on the way to a comparison: they are most of the
-/// work, and hardly change.
-const REUSES: usize = 3;
 /// Share of its noise by which every residual may be off the same way, as inputs are known at
 /// samples only: of a pressure with 250 Pa of noise, 8 Pa were seen.
 const SYSTEMATIC: f64 = 0.04;
@@ -246,10 +245,6 @@ struct Problem<'a, M> {
     candidates: &'a [usize],
     /// The nominal values are held for now.
     held: bool,
-    /// How often slopes with the nominal values may serve.
-    reuses: usize,
-    /// The slopes with the nominal values, and how often they still may.
-    kept: (usize, Option<Slopes>),
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -265,8 +260,6 @@ impl<'a, M: Model> Problem<'a, M> {
             free,
             candidates,
             held: false,
-            reuses: 1,
-            kept: (0, None),
         }
     }
 
@@ -330,44 +323,6 @@ impl<'a, M: Model> Problem<'a, M> {
         if x[place] + STEP > most { -STEP } else { STEP }
     }
 
-    /// Slopes with coordinates `places` at `x`, where the residuals are `base`.
-    fn columns(
-        &self,
-        x: &DVector<f64>,
-        base: &Residuals,
-        places: std::ops::Range<usize>,
-    ) -> Option<Slopes> {
-        let rows = base.values.len();
-        let mut values = DMatrix::zeros(rows, places.len());
-        let mut slack = DMatrix::zeros(rows, places.len());
-        for (column, place) in places.enumerate() {
-            let step = self.step(x, place);
-            let mut moved_x = x.clone();
-            moved_x[place] += step;
-            let mut row = 0;
-            for piece in self.pieces() {
-                if !self.moves(place, piece.1) {
-                    row += self.model.rows(piece.0, piece.1);
-                    continue;
-                }
-                let moved = self.piece(&moved_x, piece)?;
-                for (value, own) in moved.values.iter().zip(&moved.slack) {
-                    values[(row, column)] = (value - base.values[row]) / step;
-                    slack[(row, column)] = (own - base.slack[row]) / step;
-                    row += 1;
-                }
-            }
-        }
-        Some(Slopes { values, slack })
-    }
-
-    /// The minimum near `x`.
-    fn minimized(&mut self, x: DVector<f64>, goal: Goal, reuses: usize) -> Option<Found> {
-        self.kept = (0, None);
-        self.reuses = reuses;
-        minimize(self, x, goal)
-    }
-
     /// The fit at `found`, with what it predicts.
     fn fit(&self, found: &Found) -> Option<Fit> {
         let (nominal, effects) = (self.nominal(&found.x), self.effects(&found.x));
@@ -413,15 +368,26 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         Some(all)
     }
 
-    fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes> {
-        let nominals = self.free.len();
-        let (left, kept) = std::mem::take(&mut self.kept);
-        let (left, own) = match kept {
-            Some(kept) if left > 0 => (left, kept),
-            _ => (self.reuses, self.columns(x, residuals, 0..nominals)?),
+    fn slopes(&mut self, x: &DVector<f64>, base: &Residuals) -> Option<Slopes> {
+        let rows = base.values.len();
+        let mut slopes = Slopes {
+            values: DMatrix::zeros(rows, x.len()),
+            slack: DMatrix::zeros(rows, x.len()),
         };
-        let slopes = own.beside(&self.columns(x, residuals, nominals..x.len())?);
-        self.kept = (left - 1, Some(own));
+        for place in 0..x.len() {
+            let step = self.step(x, place);
+            let mut moved = x.clone();
+            moved[place] += step;
+            let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
+            let moves = |block| self.moves(place, block);
+            let change = change(self.model, self.blocks, &moves, with, base)?;
+            slopes
+                .values
+                .set_column(place, &(change.values.column(0) / step));
+            slopes
+                .slack
+                .set_column(place, &(change.slack.column(0) / step));
+        }
         Some(slopes)
     }
 
@@ -444,6 +410,38 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         }
         x
     }
+}
+
+/// How what is fitted of `blocks` changes from `base` with other nominal values and effects, where
+/// they move a block at all.
+fn change<M: Model>(
+    model: &M,
+    blocks: &[usize],
+    moves: &dyn Fn(usize) -> bool,
+    (nominal, effects): (&[f64], &[Active]),
+    base: &Residuals,
+) -> Option<Slopes> {
+    let mut values = DMatrix::zeros(base.values.len(), 1);
+    let mut slack = values.clone();
+    let mut row = 0;
+    for record in 0..model.fitted() {
+        for block in blocks {
+            if !moves(*block) {
+                row += model.rows(record, *block);
+                continue;
+            }
+            let moved = model.residuals(record, *block, nominal, effects)?;
+            if !moved.finite() {
+                return None;
+            }
+            for (value, own) in moved.values.iter().zip(&moved.slack) {
+                values[row] = value - base.values[row];
+                slack[row] = own - base.slack[row];
+                row += 1;
+            }
+        }
+    }
+    Some(Slopes { values, slack })
 }
 
 /// Cost of residuals.
@@ -534,7 +532,7 @@ impl<'a, M: Model> Engine<'a, M> {
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
         if candidates.is_empty() {
             // Every comparison is with this fit.
-            let found = problem.minimized(DVector::zeros(free.len()), TIGHT, 1)?;
+            let found = minimize(&mut problem, DVector::zeros(free.len()), TIGHT)?;
             return problem.fit(&found);
         }
         // With nominal values as given, else they take up what is the effects'; and from where the
@@ -543,12 +541,12 @@ impl<'a, M: Model> Engine<'a, M> {
         let nothing = vec![0.0; free.len()];
         let starts = self.begin(&mut problem, &nothing, candidates, None)?;
         let held = starts.into_iter();
-        let held = held.filter_map(|x| problem.minimized(x, ROUGH, 1));
+        let held = held.filter_map(|x| minimize(&mut problem, x, ROUGH));
         let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
         let held = held.min_by(least);
         problem.held = false;
         let mut begun = Vec::new();
-        begun.extend(held.and_then(|held| problem.minimized(held.x, ROUGH, REUSES)));
+        begun.extend(held.and_then(|held| minimize(&mut problem, held.x, ROUGH)));
         for own in candidates {
             let mut others = candidates.to_vec();
             others.retain(|other| other != own);
@@ -558,11 +556,11 @@ impl<'a, M: Model> Engine<'a, M> {
             let nominal: Vec<f64> = free.iter().map(|n| without.nominal[*n]).collect();
             let starts = self.begin(&mut problem, &nominal, candidates, Some((*own, &without)))?;
             for x in starts.into_iter().take(1) {
-                begun.extend(problem.minimized(x, ROUGH, REUSES));
+                begun.extend(minimize(&mut problem, x, ROUGH));
             }
         }
         let best = begun.into_iter().min_by(least)?;
-        let found = problem.minimized(best.x, LOOSE, REUSES)?;
+        let found = minimize(&mut problem, best.x, LOOSE)?;
         problem.fit(&found)
     }
 
@@ -648,7 +646,7 @@ impl<'a, M: Model> Engine<'a, M> {
             let free = self.free(&blocks);
             let x = self.coordinates(hypothesis, &free, &touching);
             let mut problem = Problem::new(self.model, &blocks, &free, &touching);
-            let found = problem.minimized(DVector::from_vec(x), TIGHT, 1)?;
+            let found = minimize(&mut problem, DVector::from_vec(x), TIGHT)?;
             joint.join(problem.fit(&found)?);
         }
         self.finished(hypothesis.candidates.clone(), joint)
@@ -762,8 +760,10 @@ impl<'a, M: Model> Engine<'a, M> {
                     let values = candidate.parameters.iter().zip(start);
                     let mut with = base.fit.effects.clone();
                     with.push((place, values.map(|(p, x)| p.value(x)).collect()));
-                    let nominal = &base.fit.nominal;
-                    let change = self.change(&touched.0, candidate, nominal, &with, found)?;
+                    let with = (&base.fit.nominal[..], &with[..]);
+                    let moves = |block| candidate.blocks.contains(&block);
+                    let residuals = &found.residuals;
+                    let change = change(self.model, &touched.0, &moves, with, residuals)?;
                     let linearized = Linearized {
                         residuals: &found.residuals,
                         slopes: &slopes.beside(&change),
@@ -775,39 +775,6 @@ impl<'a, M: Model> Engine<'a, M> {
             promised.fold(0.0, f64::max)
         };
         Some(all.par_iter().enumerate().map(promise).collect())
-    }
-
-    /// How residuals of `blocks` change from `found` when effects are `with` those of `candidate`.
-    fn change(
-        &self,
-        blocks: &[usize],
-        candidate: &Candidate,
-        nominal: &[f64],
-        with: &[Active],
-        found: &Found,
-    ) -> Option<Slopes> {
-        let base = &found.residuals;
-        let mut values = DMatrix::zeros(base.values.len(), 1);
-        let mut slack = values.clone();
-        let mut row = 0;
-        for record in 0..self.model.fitted() {
-            for block in blocks {
-                if !candidate.blocks.contains(block) {
-                    row += self.model.rows(record, *block);
-                    continue;
-                }
-                let moved = self.model.residuals(record, *block, nominal, with)?;
-                if !moved.finite() {
-                    return None;
-                }
-                for (value, own) in moved.values.iter().zip(&moved.slack) {
-                    values[row] = value - base.values[row];
-                    slack[row] = own - base.slack[row];
-                    row += 1;
-                }
-            }
-        }
-        Some(Slopes { values, slack })
     }
 
     /// Where the fit of `hypothesis` is, in the coordinates of a problem.

@@ -11,11 +11,15 @@ use nalgebra::{DMatrix, DVector};
 
 /// Residuals beyond this many standard deviations count less.
 const OUTLIER: f64 = 4.0;
-/// Iterations that the convex problem may take, and the decrease below which it ends.
+/// Iterations that the convex problem may take, and the decrease below which it ends: at all, and
+/// of the whole so far.
 const INNER: usize = 60;
 const INNER_COST: f64 = 1e-4;
+const INNER_SHARE: f64 = 1e-3;
 /// Halvings of a line search.
 const HALVINGS: usize = 30;
+/// Corrected slopes serve so often in a row, while the cost falls as they promise.
+const REUSES: usize = 5;
 /// Damping at the start, at its least, and where a fit is given up.
 const DAMPING: [f64; 3] = [1e-4, 1e-9, 1e6];
 
@@ -96,6 +100,26 @@ impl Slopes {
             }
         }
         slopes
+    }
+
+    /// Corrects the slopes by what the step between two points has shown: the least change, in
+    /// units of `scale`, that explains it (Broyden 1965). Whether it could.
+    fn correct(&mut self, from: &Found, to: &Found, scale: &DVector<f64>) -> bool {
+        let step = &to.x - &from.x;
+        let along = scale.component_mul(&step);
+        let along = &along / along.dot(&step);
+        if along.iter().any(|value| !value.is_finite()) {
+            return false;
+        }
+        let correct = |slopes: &mut DMatrix<f64>, from: &[f64], to: &[f64]| {
+            let moved = from.iter().zip(to).map(|(from, to)| to - from);
+            let missed = DVector::from_iterator(from.len(), moved) - &*slopes * &step;
+            slopes.ger(1.0, &missed, &along, 1.0);
+        };
+        let (from, to) = (&from.residuals, &to.residuals);
+        correct(&mut self.values, &from.values, &to.values);
+        correct(&mut self.slack, &from.slack, &to.slack);
+        true
     }
 
     /// The slopes beside `more` ones.
@@ -197,15 +221,16 @@ impl Linearized<'_> {
     /// The step to the minimum of cost and damping.
     pub fn minimum(&self) -> DVector<f64> {
         let mut step = DVector::zeros(self.priors.len());
+        let mut whole = 0.0;
         for _ in 0..INNER {
             let (gradient, curvature) = self.bend(&step);
-            let Some(whole) = curvature.cholesky().map(|c| -c.solve(&gradient)) else {
+            let Some(newton) = curvature.cholesky().map(|c| -c.solve(&gradient)) else {
                 return step;
             };
             let direction = Direction {
-                values: &self.slopes.values * &whole,
-                slack: &self.slopes.slack * &whole,
-                step: whole,
+                values: &self.slopes.values * &newton,
+                slack: &self.slopes.slack * &newton,
+                step: newton,
             };
             let fall = -gradient.dot(&direction.step);
             let (mut low, mut high) = (0.0, 1.0);
@@ -225,7 +250,9 @@ impl Linearized<'_> {
                 low = 1.0;
             }
             step += low * direction.step;
-            if fall * low.max(0.1) < INNER_COST {
+            let fallen = fall * low.max(0.1);
+            whole += fallen;
+            if fallen < INNER_COST + INNER_SHARE * whole {
                 break;
             }
         }
@@ -291,56 +318,70 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
     let mut evaluations = 1;
     let mut damping = DAMPING[0];
     let mut scale = DVector::<f64>::zeros(found.x.len());
+    // Slopes with how often they have been corrected.
+    let mut kept: Option<(usize, Slopes)> = None;
     while evaluations < goal.evaluations && !found.x.is_empty() {
-        let Some(slopes) = problem.slopes(&found.x, &found.residuals) else {
+        let known = kept.take();
+        let new = || Some((0, problem.slopes(&found.x, &found.residuals)?));
+        let Some((served, mut slopes)) = known.or_else(new) else {
             break;
         };
+        let fresh = served == 0;
         for (place, column) in slopes.values.column_iter().enumerate() {
             scale[place] = scale[place].max(column.norm_squared());
         }
         let priors = problem.priors(&found.x);
         let enough = goal.absolute + goal.relative * found.cost;
         let before = found.cost;
-        loop {
-            let linearized = Linearized {
-                residuals: &found.residuals,
-                slopes: &slopes,
-                priors: &priors,
-                damping: damping * &scale,
-            };
-            let step = problem.bounded(&found.x + linearized.minimum()) - &found.x;
-            let promised = found.cost - linearized.cost(&step);
-            if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
+        let linearized = Linearized {
+            residuals: &found.residuals,
+            slopes: &slopes,
+            priors: &priors,
+            damping: damping * &scale,
+        };
+        let step = problem.bounded(&found.x + linearized.minimum()) - &found.x;
+        let promised = found.cost - linearized.cost(&step);
+        if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
+            if fresh {
                 return Some(found);
             }
-            evaluations += 1;
-            let next = at(problem, &found.x + &step);
-            // Where the promise is not kept, half the way may do better: behind a threshold an
-            // effect does nothing, and shows no way back.
-            let poor = |next: &Found| before - next.cost < 0.75 * promised;
-            let half = next.as_ref().is_none_or(poor);
-            let half = half.then(|| at(problem, &found.x + 0.5 * &step)).flatten();
-            evaluations += usize::from(half.is_some());
-            let both = [next, half].into_iter().flatten();
-            let best = both.min_by(|a, b| a.cost.total_cmp(&b.cost));
-            let kept = best.map(|next| ((before - next.cost) / promised, next));
-            match kept {
-                Some((share, next)) if share > 1e-3 => {
-                    damping *= match share {
-                        0.75.. => 0.1,
-                        0.25.. => 1.0,
-                        _ => 4.0,
-                    };
-                    damping = damping.max(DAMPING[1]);
-                    found = next;
+            continue;
+        }
+        evaluations += 1;
+        let next = at(problem, &found.x + &step);
+        // Where the promise is not kept, half the way may do better: behind a threshold an effect
+        // does nothing, and shows no way back.
+        let poor = |next: &Found| before - next.cost < 0.75 * promised;
+        let half = fresh && next.as_ref().is_none_or(poor);
+        let half = half.then(|| at(problem, &found.x + 0.5 * &step)).flatten();
+        evaluations += usize::from(half.is_some());
+        let both = [next, half].into_iter().flatten();
+        let best = both.min_by(|a, b| a.cost.total_cmp(&b.cost));
+        let share = |next: &Found| (before - next.cost) / promised;
+        match best {
+            Some(next) if share(&next) > 1e-3 => {
+                let share = share(&next);
+                damping *= match share {
+                    0.75.. => 0.1,
+                    0.25.. => 1.0,
+                    _ => 4.0,
+                };
+                damping = damping.max(DAMPING[1]);
+                let small = before - next.cost < enough;
+                let good = share > 0.5 && !small && served < REUSES;
+                if good && slopes.correct(&found, &next, &scale) {
+                    kept = Some((served + 1, slopes));
+                }
+                found = next;
+                if small && fresh {
                     break;
                 }
-                _ if evaluations < goal.evaluations => damping = (damping * 8.0).max(1e-3),
-                _ => return Some(found),
             }
-        }
-        if before - found.cost < enough {
-            break;
+            _ if !fresh => {}
+            _ => {
+                damping = (damping * 8.0).max(1e-3);
+                kept = Some((0, slopes));
+            }
         }
     }
     Some(found)

@@ -242,7 +242,8 @@ pub fn diagnose(
         .filter(|(place, _)| choice.left.contains(place));
     let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
     let calibrated = model.calibrated(&taken.fit.nominal);
-    let warnings = warnings(&model, &calibrated);
+    let everywhere = choice.left.len() == blocks.len() && blocks.len() > 1;
+    let warnings = warnings(&model, &calibrated, everywhere);
     clock.lap("report");
     let diagnosis = Diagnosis {
         schema: 1,
@@ -272,9 +273,12 @@ pub fn diagnose(
     })
 }
 
-/// What is doubtful about records and rig.
-fn warnings(model: &MuscleModel, calibrated: &[Calibrated]) -> Vec<String> {
+/// What is doubtful about records and rig; `everywhere` says that no equation holds.
+fn warnings(model: &MuscleModel, calibrated: &[Calibrated], everywhere: bool) -> Vec<String> {
     let mut warnings = model.warnings();
+    if everywhere {
+        warnings.push("every equation is off: is this the rig of these records?".into());
+    }
     for value in calibrated
         .iter()
         .filter(|value| value.deviation.abs() > FAR)

@@ -212,8 +212,7 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
         ("contraction-sensor-offset", _) => &[GAS, FORCE],
-        // The volume hardly knows; its rate at each turn would only blur.
-        ("backlash", _) => &[FORCE, LOAD],
+        ("backlash", _) => &[GAS, FORCE, LOAD],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
@@ -780,9 +779,9 @@ fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading
 
 fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
-    let inputs = record.gas.as_ref()?;
+    let inputs = record.unplayed(play(&rig), record.gas.as_ref()?, None);
     let measured = inputs.column(PRESSURE_PA)?;
-    let read = run(&rig, inputs)?;
+    let read = run(&rig, &inputs)?;
     let residual =
         |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
     Some(Residuals::exact(
