@@ -45,6 +45,12 @@ const TURN_S: f64 = 0.03;
 const TURN_LONG_S: f64 = 0.3;
 /// So near to its lowest reading the weight may rest on the stop, which holds it from below \[-\].
 const STOP_REACH: f64 = 5e-3;
+/// It surely rests there where the muscle pulls less than this share of the weight, and it has not
+/// moved for so long before and after \[s\].
+const STOP_SHARE: f64 = 0.5;
+const STOP_REST_S: f64 = 0.3;
+/// The stop is where the contraction is 0, to within this \[-\].
+const STOP_PLACE: f64 = 1e-4;
 /// So long after a landing on the stop the gas is not compared \[s\]: between two samples the
 /// contraction is not known there.
 const LANDING_S: f64 = 0.1;
@@ -104,6 +110,8 @@ struct Prepared {
     measured: Record,
     noise: Noise,
     places: Vec<Place>,
+    /// Rows in which the weight rests on its stop, as far apart as the places.
+    stops: Vec<usize>,
     /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
     rates_per_s: Vec<f64>,
     directions: Vec<f64>,
@@ -211,8 +219,7 @@ fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
 fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
-        ("contraction-sensor-offset", _) => &[GAS, FORCE],
-        ("backlash", _) => &[GAS, FORCE, LOAD],
+        ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
@@ -448,6 +455,7 @@ impl Prepared {
             measured: with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]),
             noise,
             places: Vec::new(),
+            stops: Vec::new(),
             rates_per_s: vec![0.0; contraction.len()],
             directions: vec![0.0; contraction.len()],
             sides: vec![0.0; contraction.len()],
@@ -486,6 +494,7 @@ impl Prepared {
             .collect();
         prepared.directions = surely;
         prepared.places(rig, &weight);
+        prepared.stops(rig, &weight);
         Ok(prepared)
     }
 
@@ -506,6 +515,40 @@ impl Prepared {
             &contacts(contraction, self.noise.contraction),
             record.column(PRESSURE_PA),
         );
+    }
+
+    /// Where the weight rests on its stop.
+    fn stops(&mut self, rig: &Rig, weight: &Weight) {
+        let time_s = self.measured.time_s();
+        let Some(pressure_pa) = self.measured.column(PRESSURE_PA) else {
+            return;
+        };
+        let most_n = STOP_SHARE * weight.mass_kg * GRAVITY_M_PER_S2;
+        let loose = |row: usize| rig.muscle.force_n(0.0, GaugePa(pressure_pa[row])) < most_n;
+        let mut next_s = time_s[0] + SKIP_S;
+        for row in 0..time_s.len() {
+            let from = time_s.partition_point(|t| *t < time_s[row] - STOP_REST_S);
+            let to = time_s.partition_point(|t| *t <= time_s[row] + STOP_REST_S);
+            let rests = self.directions[from..to].iter().all(|d| *d == 0.0);
+            if time_s[row] >= next_s && rests && (from..to).all(loose) {
+                self.stops.push(row);
+                next_s = time_s[row] + SPACING_S;
+            }
+        }
+    }
+
+    /// What the encoder reads on the stop, where a muscle is as long as it can be.
+    fn stop_residuals(&self, rig: &Rig) -> Option<Residuals> {
+        if self.stops.is_empty() {
+            return Some(Residuals::default());
+        }
+        let inputs = Inputs::new(rig, &self.measured).ok()?;
+        let noise = self.noise.contraction.hypot(STOP_PLACE);
+        let read = |row: &usize| inputs.contraction(*row).unwrap_or(0.0) / noise;
+        Some(Residuals {
+            values: self.stops.iter().map(read).collect(),
+            slack: vec![play(rig) / noise; self.stops.len()],
+        })
     }
 
     /// Where the balance of the load is looked at: away from ends, gaps and the stop.
@@ -668,7 +711,7 @@ impl Model for MuscleModel {
         match self.blocks[block] {
             GAS => record.gas_rows.len(),
             FORCE => record.force_rows.len(),
-            _ => record.places.len(),
+            _ => record.places.len() + record.stops.len(),
         }
     }
 
@@ -703,11 +746,10 @@ impl Model for MuscleModel {
         let rows: Vec<usize> = match self.blocks[block] {
             GAS => record.gas_rows.clone(),
             FORCE => record.force_rows.clone(),
-            _ => record
-                .places
-                .iter()
-                .map(|place| place.kernel.middle())
-                .collect(),
+            _ => {
+                let places = record.places.iter().map(|place| place.kernel.middle());
+                places.chain(record.stops.iter().copied()).collect()
+            }
         };
         let time_s = record.measured.time_s();
         let pressure_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();
@@ -882,6 +924,9 @@ impl MuscleModel {
             (balance_n * place.per_noise, reach_n * place.per_noise)
         });
         let (values, slack) = residuals.unzip();
-        Some(Residuals { values, slack })
+        let mut residuals = Residuals { values, slack };
+        rig.load = Load::Prescribed;
+        residuals.extend(record.stop_residuals(&rig)?);
+        Some(residuals)
     }
 }
