@@ -20,7 +20,7 @@ const POLISHED: usize = 4;
 const MEMBERS: usize = 3;
 const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
 /// Mean square of residuals, tamed, up to which a block is as good as its noise.
-const NOISE_ONLY: f64 = 1.3;
+pub(super) const NOISE_ONLY: f64 = 1.3;
 /// Gain in cost that noise alone does not give.
 const GAIN: f64 = 24.0;
 /// Promised gain that is worth a fit where nothing is above the noise.
@@ -36,9 +36,6 @@ const NOTHING: f64 = 1e-6;
 /// Share of all that is gained that a member must gain: an effect in another form than its own
 /// leaves something that a second one could take up.
 const SHARE_OF_ALL: f64 = 0.06;
-/// Share of its blocks' noise that a member must gain: the noise, and how the model is solved, are
-/// not known better.
-const SHARE_OF_NOISE: f64 = 0.02;
 /// What nominal values may cost beside what is gained.
 const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
@@ -91,6 +88,10 @@ fn excess_of(fit: &Fit, block: usize) -> f64 {
 fn excess(fit: &Fit) -> f64 {
     let blocks = fit.parts.iter().map(|part| excess_of(fit, part.block));
     blocks.sum::<f64>()
+}
+
+fn predicted(fit: &Fit) -> f64 {
+    fit.parts.iter().map(|part| part.predicted.cost).sum()
 }
 
 /// What is being done.
@@ -334,7 +335,10 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let without = self.tried.iter().find(keeps);
             without.is_some_and(|without| {
+                // What is better only where it was fitted is fitted to what does not come back.
+                let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
                 self.score(without) - own >= self.asked(hypothesis, place, without)
+                    && lost <= GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
             })
         })
     }
@@ -346,7 +350,9 @@ impl<M: Model> Search<'_, '_, M> {
         let own = |part: &&Part| blocks.contains(&part.block);
         let left = blocks.iter().map(|block| excess_of(&without.fit, *block));
         let parts = || hypothesis.fit.parts.iter().filter(own);
-        let count: usize = parts().map(|part| part.total().count).sum();
+        // The noise, and how the model is solved, are not known better.
+        let doubt = |part: &Part| self.engine.model.doubt_of_noise(part.block);
+        let noise = parts().map(|part| doubt(part) * 0.5 * part.total().count as f64);
         // Only what is fitted to the same residuals takes up what another's form leaves.
         let beside = |block: usize| {
             let mut others = hypothesis.candidates.iter().enumerate();
@@ -362,7 +368,7 @@ impl<M: Model> Search<'_, '_, M> {
         });
         GAIN.max(SHARE_OF_MEMBER * left.sum::<f64>())
             .max(SHARE_OF_ALL * gained.sum::<f64>())
-            .max(SHARE_OF_NOISE * 0.5 * count as f64)
+            .max(noise.sum::<f64>())
     }
 
     /// Other effects that would do as well as a member of `best`.
