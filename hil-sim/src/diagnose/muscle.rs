@@ -684,6 +684,10 @@ impl Prepared {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
+            // Rows that are farther apart than the kernel reaches show none.
+            if !rate_per_s.is_finite() {
+                continue;
+            }
             let error = self.noise.contraction * norm(&kernel.first);
             self.rates_per_s[row] = rate_per_s;
             if rate_per_s.abs() > SPEED_ERRORS * error {
@@ -876,7 +880,8 @@ impl Model for MuscleModel {
     }
 
     /// The motion from the measured pressure: where the weight stays after each stop tells
-    /// friction, play and slack far better than the balance of forces does, which knows only a tube there.
+    /// friction, play and slack far better than the balance of forces does, which knows only a tube
+    /// there.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
         let rig = self.fitted(nominal, effects);
         if !matches!(rig.load, Load::Weight(_)) {
@@ -996,8 +1001,8 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
     let forces_n = record.forces_n(&rig)?;
-    // Below its least reading a muscle hangs loose, whether the sensor is clipped there or not: Eq 1,
-    // which would push, is not right because the sensor cannot tell.
+    // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
+    // right because the sensor cannot tell.
     let most_n = record.force_span.most;
     let residual = |(row, per_noise): (&usize, &f64)| {
         let (least_n, most_n) = (forces_n[*row].0.min(most_n), forces_n[*row].1.min(most_n));
@@ -1013,6 +1018,32 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
 }
 
 impl MuscleModel {
+    /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
+    /// where there is one.
+    fn loading_n(&self, record: &Prepared, rig: &mut Rig) -> Option<Vec<(f64, f64)>> {
+        if !self.blocks.contains(&FORCE) {
+            rig.load = Load::Prescribed;
+            return record.forces_n(rig);
+        }
+        let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
+        let measured_n = record.measured.column(FORCE_N)?.iter();
+        let truth = |(force_n, time_s): (&f64, &f64)| {
+            let reading = Reading {
+                pressure: GaugePa(0.0),
+                contraction: 0.0,
+                force_n: *force_n,
+            };
+            let true_n = sensors.truth(*time_s, reading).force_n;
+            (true_n, true_n)
+        };
+        Some(
+            measured_n
+                .zip(record.measured.time_s())
+                .map(truth)
+                .collect(),
+        )
+    }
+
     /// How far the balance of forces on the weight lies outside what friction can take up.
     fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Residuals> {
         let Load::Weight(weight) = rig.load else {
@@ -1033,24 +1064,7 @@ impl MuscleModel {
             }
         }
         let played = record.unplayed(play(&rig), &record.measured, None);
-        let forces_n: Vec<(f64, f64)> = if self.blocks.contains(&FORCE) {
-            let sensors = Plant::new(&rig, FORCE_ALONE).ok()?.sensors;
-            let measured_n = record.measured.column(FORCE_N)?.iter();
-            let true_n = measured_n
-                .zip(record.measured.time_s())
-                .map(|(force_n, time_s)| {
-                    let reading = Reading {
-                        pressure: GaugePa(0.0),
-                        contraction: 0.0,
-                        force_n: *force_n,
-                    };
-                    sensors.truth(*time_s, reading).force_n
-                });
-            true_n.map(|force_n| (force_n, force_n)).collect()
-        } else {
-            rig.load = Load::Prescribed;
-            record.forces_n(&rig)?
-        };
+        let forces_n = self.loading_n(record, &mut rig)?;
         let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
         // States of terms are at rest here: forms that have some are judged without them.

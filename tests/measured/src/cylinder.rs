@@ -261,21 +261,20 @@ pub fn all(folder: &Path) -> Vec<Outcome> {
     let Some(folder) = set_of(folder, "cylinder_friction") else {
         return Vec::new();
     };
-    let sets: [((&str, f64), &[&str], &[&str]); 2] = [
-        (
+    let of = |piston: (&str, f64), fit: &[&str], validate: &[&str]| {
+        let outcome = outcome(&folder, piston, fit, validate);
+        outcome.unwrap_or_else(|why| Outcome::refused(piston.0, why.to_string()))
+    };
+    vec![
+        of(
             ("cylinder, O-ring, 25.7 mm", 0.0257),
             &["oring257_1bar", "oring257_5bar"],
             &["oring257_3bar", "oring257_7bar"],
         ),
-        (
+        of(
             ("cylinder, seal NAPN, 25 mm", 0.025),
             &["napn_1bar", "napn_7bar"],
             &["napn_3bar"],
         ),
-    ];
-    let of = |(piston, fit, validate): ((&str, f64), &[&str], &[&str])| {
-        let outcome = outcome(&folder, piston, fit, validate);
-        outcome.unwrap_or_else(|why| Outcome::refused(piston.0, why.to_string()))
-    };
-    sets.into_iter().map(of).collect()
+    ]
 }

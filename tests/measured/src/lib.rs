@@ -142,17 +142,12 @@ fn set_of(folder: &Path, set: &str) -> Option<std::path::PathBuf> {
 /// residuals.
 fn held_out<M: Model>(model: &M, fit: &hil_sim::diagnose::engine::Fit, noise: f64) -> f64 {
     let records = model.fitted()..model.records();
-    let residuals = records.filter_map(|record| {
+    let residuals = records.flat_map(|record| {
         let blocks = 0..model.blocks().len();
         let of = move |block| model.residuals(record, block, &fit.nominal, &fit.effects);
-        Some(
-            blocks
-                .filter_map(of)
-                .flat_map(|all| all.values)
-                .collect::<Vec<f64>>(),
-        )
+        blocks.filter_map(of).flat_map(|all| all.values)
     });
-    noise * rms(residuals.flatten())
+    noise * rms(residuals)
 }
 
 /// Standard deviation of white noise on a smooth signal, from its third differences.

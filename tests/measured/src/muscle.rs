@@ -238,11 +238,20 @@ impl Set {
     }
 }
 
+/// A size that can be read, small as it may be.
+fn significant(value: f64) -> String {
+    match value.abs() {
+        size if size == 0.0 || (1e-2..1e6).contains(&size) => format!("{value:.3}"),
+        _ => format!("{value:.2e}"),
+    }
+}
+
 fn found(diagnosed: &Diagnosed) -> Vec<Found> {
     let of = |named: &hil_sim::diagnose::Named| {
         let sizes = named.parameters.iter().map(|(name, estimate)| {
-            let [least, most] = estimate.ci95;
-            format!("{name} {:.4} ({least:.4} to {most:.4})", estimate.value)
+            let ends = [estimate.value, estimate.ci95[0], estimate.ci95[1]];
+            let [value, least, most] = ends.map(significant);
+            format!("{name} {value} ({least} to {most})")
         });
         let sizes: Vec<String> = sizes.collect();
         let known = PUBLISHED.iter().find(|(name, _)| *name == named.name);

@@ -1,8 +1,8 @@
 //! The cascaded tanks of the nonlinear identification benchmark (Schoukens & Noël 2017): a pump
 //! fills the upper tank, that the lower one, whose level is measured.
 //!
-//! h1' = k4 u − k1 √h1, h2' = k2 √h1 − k3 √h2 in volts of the level sensor (Torricelli). One record:
-//! its first half is fitted, its second half predicted by the same run from the record's begin.
+//! h1' = k4 u − k1 √h1, h2' = k2 √h1 − k3 √h2 in volts of the level sensor (Torricelli). Of one
+//! record, the first half is fitted, the second predicted by the same run from its begin.
 
 use crate::{Outcome, held_out, noise_of, parameter, range, set_of};
 use hil_sim::diagnose::choice::choose;
@@ -13,8 +13,8 @@ use hil_sim::record::Record;
 use std::path::Path;
 use std::time::Instant;
 
-/// k1, k2, k3 \[√V/s\], k4 \[1/s\] and h1 at the begin \[V\]: tanks that empty in some minutes, and are
-/// half full at half the pump's voltage.
+/// k1, k2, k3 \[√V/s\], k4 \[1/s\] and h1 at the begin \[V\]: tanks that empty in some minutes, and
+/// are half full at half the pump's voltage.
 const NOMINAL: [f64; 5] = [0.05, 0.05, 0.05, 0.04, 5.0];
 /// Relative standard deviation of each: nothing is said of the tanks.
 const SIGMA: f64 = 0.5;
