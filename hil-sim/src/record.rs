@@ -87,6 +87,16 @@ const U32_MAX: f64 = u32::MAX as f64;
 const GAP_S_MAX: f64 = 1e4;
 const LENGTH_S_MAX: f64 = 1e6;
 
+/// At most one row in so many may have the time of the row before.
+const REPEATED_ONE_IN: usize = 100;
+
+fn not_after(before_s: f64, time_s: f64) -> String {
+    format!(
+        "a time after {before_s}, found {time_s} (`hil-sim import` mends clocks that repeat or \
+         restart)"
+    )
+}
+
 /// One column.
 #[derive(Clone, Debug, PartialEq)]
 enum Cells {
@@ -177,8 +187,27 @@ impl Record {
                 ..BadInput::file(name, "at least one row of samples, found none")
             });
         }
+        record.part_repeated_times()?;
         record.begins_with_a_reference()?;
         Ok(record)
+    }
+
+    /// A clock that is rounded gives two rows one time now and then: the second goes halfway to the
+    /// next row.
+    fn part_repeated_times(&mut self) -> Result<(), BadInput> {
+        let repeats = |row: &usize| self.time_s[*row] == self.time_s[*row - 1];
+        let repeated: Vec<usize> = (1..self.time_s.len()).filter(repeats).collect();
+        let often = repeated.len() * REPEATED_ONE_IN > self.time_s.len();
+        for row in repeated {
+            let before_s = self.time_s[row - 1];
+            match self.time_s.get(row + 1) {
+                Some(next_s) if *next_s > before_s && !often => {
+                    self.time_s[row] = 0.5 * (before_s + next_s);
+                }
+                _ => return Err(self.bad_cell(TIME_S, row, &not_after(before_s, before_s))),
+            }
+        }
+        Ok(())
     }
 
     fn begins_with_a_reference(&self) -> Result<(), BadInput> {
@@ -208,9 +237,8 @@ impl Record {
                     if time_s.is_nan() {
                         return Err(bad(TIME_S, "a time in every row, found none".into()));
                     }
-                    if time_s <= before_s {
-                        let why = format!("a time after {before_s}, found {time_s}");
-                        return Err(bad(TIME_S, why));
+                    if time_s < before_s {
+                        return Err(bad(TIME_S, not_after(before_s, time_s)));
                     }
                     if first_s.is_some() && time_s - before_s > GAP_S_MAX {
                         let why = format!(
@@ -235,7 +263,7 @@ impl Record {
         Ok(())
     }
 
-    /// Times of the samples \[s\], rising.
+    /// Times of the samples \[s\], rising; of two rows with one time, the second halfway on.
     pub fn time_s(&self) -> &[f64] {
         &self.time_s
     }

@@ -1058,7 +1058,7 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
         (
             "sensor",
             "pressure-sensor-offset pressure-sensor-gain pressure-sensor-drift \
-             contraction-sensor-offset",
+             contraction-sensor-offset force-sensor-offset",
         ),
     ];
     let named = blocks
@@ -1089,6 +1089,26 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
             );
         }
     }
+}
+
+#[test]
+fn a_force_sensor_reads_its_offset_where_the_muscle_hangs_loose_too() {
+    let record = bench(STEP_S, 101, |_| 0.2, |time_s| 3e5 * time_s);
+    let loose = "[[effect]]\nname = \"slack\"\n";
+    let offset = "[[effect]]\nname = \"force-sensor-offset\"\noffset_n = -7.0\n";
+    let true_n = simulated(&rig(loose, &[CLAMPED]), &record, FORCE_N);
+    let read_n = simulated(
+        &rig(&[offset, loose].concat(), &[CLAMPED]),
+        &record,
+        FORCE_N,
+    );
+    assert!(true_n[0] == 0.0 && true_n[100] > 100.0);
+    assert!(
+        true_n
+            .iter()
+            .zip(&read_n)
+            .all(|(is, read)| (read - is + 7.0).abs() < 1e-9)
+    );
 }
 
 #[test]

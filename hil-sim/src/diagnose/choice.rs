@@ -20,7 +20,7 @@ const POLISHED: usize = 4;
 const MEMBERS: usize = 3;
 const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
 /// Mean square of residuals, tamed, up to which a block is as good as its noise.
-const NOISE_ONLY: f64 = 1.3;
+pub(super) const NOISE_ONLY: f64 = 1.3;
 /// Gain in cost that noise alone does not give.
 const GAIN: f64 = 24.0;
 /// Cost by which the free motion may be worse than with nothing: where a weight sticks is chance.
@@ -41,9 +41,6 @@ const NOTHING: f64 = 1e-6;
 const SHARE_OF_ALL: f64 = 0.05 * 0.05;
 /// Share of what a member gains that nominal values may be moved for it.
 const SHARE_OF_CALIBRATION: f64 = 0.01;
-/// Share of its blocks' noise that a member must gain: the noise, and how the model is solved, are
-/// not known better.
-const SHARE_OF_NOISE: f64 = 0.02;
 /// What nominal values may cost beside what is gained.
 const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
@@ -96,6 +93,10 @@ fn excess_of(fit: &Fit, block: usize) -> f64 {
 fn excess(fit: &Fit) -> f64 {
     let blocks = fit.parts.iter().map(|part| excess_of(fit, part.block));
     blocks.sum::<f64>()
+}
+
+fn predicted(fit: &Fit) -> f64 {
+    fit.parts.iter().map(|part| part.predicted.cost).sum()
 }
 
 /// What is being done.
@@ -358,7 +359,10 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let without = self.tried.iter().find(keeps);
             without.is_some_and(|without| {
-                hypothesis.fit.free_run < without.fit.free_run + GAIN
+                // What is better only where it was fitted is fitted to what does not come back.
+                let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
+                lost <= GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
+                    && hypothesis.fit.free_run < without.fit.free_run + GAIN
                     && self.score(without) - own >= self.asked(hypothesis, place, without)
                     && self.beyond_form(hypothesis, place, without)
             })
@@ -398,10 +402,10 @@ impl<M: Model> Search<'_, '_, M> {
         let blocks = &all[hypothesis.candidates[place]].blocks;
         let parts = |h: &Hypothesis| h.fit.parts.clone().into_iter();
         let own = |part: &Part| blocks.contains(&part.block);
-        let noise: f64 = parts(hypothesis)
-            .filter(own)
-            .map(|part| 0.5 * part.total().count as f64)
-            .sum();
+        // The noise, and how the model is solved, are not known better.
+        let doubt = |part: Part| self.engine.model.doubt_of_noise(part.block);
+        let noise = parts(hypothesis).filter(own);
+        let noise = noise.map(|part| doubt(part) * 0.5 * part.total().count as f64);
         // Only what is fitted to the same residuals takes up what another's form leaves.
         let beside = |part: &Part| {
             let mut others = without.candidates.iter();
@@ -414,7 +418,7 @@ impl<M: Model> Search<'_, '_, M> {
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
         let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
         let prior = hypothesis.fit.prior - without.fit.prior;
-        GAIN.max(SHARE_OF_NOISE * noise)
+        GAIN.max(noise.sum())
             .max(SHARE_OF_ALL * of_others)
             .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }

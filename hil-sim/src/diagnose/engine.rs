@@ -109,6 +109,10 @@ pub trait Model: Sync {
     /// Whether residuals of a block change about in proportion to a small effect, so that what a
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
+    /// Share of a block's noise by which that may be larger than it is taken to be.
+    fn doubt_of_noise(&self, _block: usize) -> f64 {
+        0.02
+    }
     /// How badly free runs of a record miss what no block's residuals show well, as a cost with
     /// bounded influence; 0 where there is no such thing.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;

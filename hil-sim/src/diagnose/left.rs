@@ -30,12 +30,13 @@ impl Profile {
     /// Where the bin that stands out is, in words.
     fn words(&self, bin: &[f64; 3]) -> String {
         let number = |value: f64| match self.unit {
-            "Pa" => format!("{:.0}", value / 1e3),
+            "Pa" | "Pa/s" => format!("{:.0}", value / 1e3),
             "s" => format!("{value:.0}"),
             _ => format!("{value:.3}"),
         };
         let unit = match self.unit {
             "Pa" => " kPa",
+            "Pa/s" => " kPa/s",
             "s" => " s",
             "1/s" => " 1/s",
             _ => "",
@@ -44,6 +45,7 @@ impl Profile {
             ("direction", std::cmp::Ordering::Less) => "while paying out".into(),
             ("direction", std::cmp::Ordering::Greater) => "while contracting".into(),
             ("direction", _) => "at rest".into(),
+            (name, _) if bin[0] == bin[1] => format!("at a {name} of {}{unit}", number(bin[0])),
             (name, _) => format!(
                 "at a {name} of {} to {}{unit}",
                 number(bin[0]),
@@ -73,8 +75,10 @@ pub fn profiles<M: Model>(model: &M, hypothesis: &Hypothesis, block: usize) -> V
     let profile = |(coordinate, unit, values): (&'static str, &'static str, Vec<f64>)| {
         let mut order: Vec<usize> = (0..values.len()).collect();
         order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-        let groups: Vec<&[usize]> = if coordinate == "direction" {
-            order.chunk_by(|a, b| values[*a] == values[*b]).collect()
+        // A direction, and a length at which a bench has held the muscle.
+        let same: Vec<_> = order.chunk_by(|a, b| values[*a] == values[*b]).collect();
+        let groups: Vec<&[usize]> = if same.len() <= BINS {
+            same
         } else {
             order.chunks(order.len().div_ceil(BINS).max(1)).collect()
         };

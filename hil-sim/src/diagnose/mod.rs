@@ -8,6 +8,7 @@ pub mod engine;
 pub mod least_squares;
 pub mod left;
 pub mod muscle;
+pub mod repeats;
 pub mod report;
 
 use crate::effects;
@@ -248,7 +249,7 @@ pub fn diagnose(
     let diagnosis = Diagnosis {
         schema: 1,
         verdict: choice.verdict,
-        next_experiment: next_experiment(&choice, &effects),
+        next_experiment: next_experiment(&choice, &effects, model.repeated()),
         effects,
         gap: gaps(&model, rig, validate, &free_runs),
         remaining: Remaining {
@@ -408,7 +409,7 @@ fn gaps(
 }
 
 /// The experiment that would tell what the records leave open.
-fn next_experiment(choice: &Choice, effects: &[Named]) -> String {
+fn next_experiment(choice: &Choice, effects: &[Named], repeated: bool) -> String {
     let told = |name: &str| effects::find(name).map(|kind| kind.experiment);
     if let Some(open) = effects
         .iter()
@@ -425,6 +426,9 @@ fn next_experiment(choice: &Choice, effects: &[Named]) -> String {
     match choice.verdict {
         Verdict::Consistent => "None: the records ask for no effect. To be surer, record larger \
                                 and faster motions."
+            .into(),
+        _ if repeated => "Hold the pressure where the gap is largest, rising and falling, at each \
+                          length twice: what comes back belongs to the rig."
             .into(),
         _ => "Repeat one record unchanged: what comes back at the same place belongs to the rig, \
               what does not is a disturbance. Then hold the pressure where the gap is largest."

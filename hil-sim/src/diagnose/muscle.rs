@@ -7,21 +7,24 @@
 //!   still, static friction may be anything up to its limit.
 
 use super::Calibrated;
+use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
-use crate::check::check;
+use super::repeats::force_repeatability_n;
+use crate::check::{Check, Finding, Signal, check};
 use crate::effects::CATALOGUE;
 use crate::error::BadInput;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
+use crate::plant::sensors::Reading;
 use crate::plant::simulation::Initial;
 use crate::plant::term::Terms;
-use crate::plant::{Plant, Term};
-use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::plant::{Plant, Simulated, Term};
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA};
 use crate::rig::{Effect, Load, Rig, Tolerance, Weight};
 use crate::simulate::{Inputs, simulate};
 use model_core::pressure::GaugePa;
 use std::borrow::Cow;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 /// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
 const KERNEL_S: f64 = 0.04;
@@ -67,8 +70,24 @@ const MOTION_NOISES: f64 = 5.0;
 const MOTION_STOPS: f64 = 8.0;
 /// Share of a nominal value that is left at least.
 const LEAST_SHARE: f64 = 0.05;
+/// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
+/// rows between them would cost time and tell little.
+const PERIOD_S: f64 = 0.008;
+/// The same where nothing changes by so many times its noise \[s\].
+const REST_S: f64 = 0.1;
+const CHANGE_NOISES: f64 = 6.0;
+/// Shares by which noise may be larger than it is taken to be: of a sensor, from many samples; of
+/// what a bench repeats, from few runs (as many as a block may be above its noise).
+const DOUBT_OF_NOISE: f64 = 0.02;
+const DOUBT_OF_REPEATABILITY: f64 = NOISE_ONLY - 1.0;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
 const FORCE_FLOOR_N: f64 = 0.1;
+
+/// Muscle and instruments, on measured pressure and contraction.
+const FORCE_ALONE: Simulated = Simulated {
+    pressure: false,
+    motion: false,
+};
 
 const GAS: &str = "gas";
 const FORCE: &str = "force";
@@ -103,6 +122,43 @@ struct Place {
     per_noise: f64,
 }
 
+/// The least and the most that a sensor can read, as far as a record shows it by being clipped.
+#[derive(Clone, Copy)]
+struct Span {
+    least: f64,
+    most: f64,
+}
+
+impl Span {
+    fn of(checked: &Check, name: &str) -> Span {
+        let mut span = Span {
+            least: f64::NEG_INFINITY,
+            most: f64::INFINITY,
+        };
+        for warning in &checked.warnings {
+            if let Finding::Clipped { signal, value, .. } = warning
+                && *signal == name
+            {
+                match checked.signal(name) {
+                    Some(own) if *value == own.min => span.least = *value,
+                    _ => span.most = *value,
+                }
+            }
+        }
+        span
+    }
+
+    /// What the sensor makes of `value`.
+    fn read(self, value: f64) -> f64 {
+        value.clamp(self.least, self.most)
+    }
+
+    /// It reads its bound.
+    fn clips(self, read: f64) -> bool {
+        read <= self.least || read >= self.most
+    }
+}
+
 /// A record made ready.
 struct Prepared {
     /// With the reference, for the gas; without, for force and load.
@@ -120,6 +176,12 @@ struct Prepared {
     /// Rows in which pressure and force are compared.
     gas_rows: Vec<usize>,
     force_rows: Vec<usize>,
+    /// Of each row that is compared: one over the standard deviation of the force's noise \[1/N\].
+    per_force_noise: Vec<f64>,
+    /// What the sensors of pressure \[Pa\] and force \[N\] can read at all.
+    pressure_span: Span,
+    force_span: Span,
+    contraction_moves: bool,
     /// What is doubtful about it.
     warnings: Vec<String>,
 }
@@ -193,6 +255,8 @@ pub struct MuscleModel {
     rig: Rig,
     records: Vec<Prepared>,
     fitted: usize,
+    /// What the force is off from run to run \[N\], where that is known.
+    repeatability_n: Option<f64>,
     blocks: Vec<&'static str>,
     nominal_blocks: Vec<Vec<usize>>,
     candidates: Vec<Candidate>,
@@ -220,10 +284,22 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
         ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
+        // Where the force is measured, the balance of the load is taken with it.
+        ("force-sensor-offset", _) => &[FORCE, LOAD],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
         _ => &[GAS],
+    }
+}
+
+/// Whether records can show an effect at all: what they measure and move.
+fn can_show(name: &str, place: &str, force_measured: bool, contraction_moves: bool) -> bool {
+    match (name, place) {
+        ("force-sensor-offset", _) => force_measured,
+        // It is in the contraction's direction and way; at rest it is a constant that others are.
+        ("hysteresis", _) | (_, "load") => contraction_moves,
+        _ => true,
     }
 }
 
@@ -241,6 +317,12 @@ impl MuscleModel {
     ) -> Result<Self, BadInput> {
         let records = || fit.iter().chain(validate);
         let has = |name: &str| records().all(|record| record.column(name).is_some());
+        let bench = rig.load == Load::Prescribed && has(FORCE_N);
+        let repeatability_n = force_repeatability_n(records().filter(|_| bench));
+        let prepared = records()
+            .map(|record| Prepared::new(rig, record, repeatability_n))
+            .collect::<Result<Vec<_>, _>>()?;
+        let moves = prepared.iter().any(|record| record.contraction_moves);
         let mut blocks = Vec::new();
         if has(PRESSURE_REF_PA) && rig.valve.is_some() {
             blocks.push(GAS);
@@ -270,9 +352,10 @@ impl MuscleModel {
         };
         let nominal = |tolerance: &Tolerance| places(blocks_of(&tolerance.section, &tolerance.key));
         let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
-        let kinds = CATALOGUE
-            .iter()
-            .filter(|kind| !without.iter().any(|name| name == kind.name));
+        let kinds = CATALOGUE.iter().filter(|kind| {
+            !without.iter().any(|name| name == kind.name)
+                && can_show(kind.name, kind.block, has(FORCE_N), moves)
+        });
         let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
         let candidates = forms.map(|(kind, form)| Candidate {
             effect: kind.name,
@@ -296,9 +379,8 @@ impl MuscleModel {
             .collect();
         Ok(MuscleModel {
             fitted: fit.len(),
-            records: records()
-                .map(|record| Prepared::new(rig, record))
-                .collect::<Result<_, _>>()?,
+            repeatability_n,
+            records: prepared,
             rig: rig.clone(),
             blocks,
             nominal_blocks,
@@ -364,6 +446,13 @@ impl MuscleModel {
                 words.map(move |words| format!("{kind} record {number}: {words}"))
             })
             .collect();
+        if let Some(repeatability_n) = self.repeatability_n {
+            warnings.push(format!(
+                "at the same contraction, pressure and direction the force differs by \
+                 {repeatability_n:.1} N RMS from run to run (zeros, mounting, run-in): no effect \
+                 below that is looked for"
+            ));
+        }
         if !self.blocks.contains(&FORCE) {
             warnings.push("no force_n: the muscle's force is judged by the weight alone".into());
         }
@@ -373,10 +462,83 @@ impl MuscleModel {
         warnings
     }
 
-    /// The noise of each record.
-    pub fn noise(&self) -> Vec<Noise> {
-        self.records.iter().map(|record| record.noise).collect()
+    /// Whether records tell how well the rig repeats itself.
+    pub fn repeated(&self) -> bool {
+        self.repeatability_n.is_some()
     }
+
+    /// The noise of each record; of the force, with what a bench does not repeat.
+    pub fn noise(&self) -> Vec<Noise> {
+        let of = |record: &Prepared| Noise {
+            force_n: record
+                .noise
+                .force_n
+                .hypot(self.repeatability_n.unwrap_or(0.0)),
+            ..record.noise
+        };
+        self.records.iter().map(of).collect()
+    }
+}
+
+/// `record` with no more rows than the fastest effects ask for. On a bench, where the pressure is
+/// an input, rows in which nothing has changed are rarer; with a reference there is one where that
+/// changes. A cell without a sample has the next one before the next such row.
+fn thinned(record: &Record, noise: &Noise) -> Record {
+    let time_s = record.time_s();
+    let reference_pa = record.column(PRESSURE_REF_PA);
+    let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
+    let signals = signals.map(|name| (record.column(name), CHANGE_NOISES * noise.of(name)));
+    let changes = |from: usize, to: usize| {
+        let mut signals = signals.iter();
+        signals.any(|(values, change)| {
+            values.is_some_and(|values| (values[to] - values[from]).abs() > *change)
+        })
+    };
+    let mut begins = vec![0];
+    let mut last = 0;
+    for row in 1..time_s.len() {
+        let due = match reference_pa {
+            Some(reference_pa) => {
+                let (own, before) = (reference_pa[row], reference_pa[row - 1]);
+                time_s[row] >= time_s[last] + PERIOD_S || own != before && !own.is_nan()
+            }
+            None if time_s[row] < time_s[last] + PERIOD_S => false,
+            None => {
+                let changed = changes(last, row);
+                // What comes at once is not spread over the time before it.
+                if changed && time_s[row - 1] >= time_s[last] + PERIOD_S {
+                    begins.push(row - 1);
+                }
+                changed || time_s[row] >= time_s[last] + REST_S
+            }
+        };
+        if due {
+            begins.push(row);
+            last = row;
+        }
+    }
+    if begins.len() == time_s.len() {
+        return record.clone();
+    }
+    let mut thin = Record::new(begins.iter().map(|row| time_s[*row]).collect());
+    let ends = begins.iter().skip(1).copied().chain([time_s.len()]);
+    let stretches: Vec<_> = begins.iter().zip(ends).map(|(a, b)| *a..b).collect();
+    for name in [
+        PRESSURE_REF_PA,
+        PRESSURE_PA,
+        CONTRACTION,
+        FORCE_N,
+        SUPPLY_PA,
+    ] {
+        if let Some(values) = record.column(name) {
+            let first = |rows: &Range<usize>| {
+                let mut present = values[rows.clone()].iter().filter(|value| !value.is_nan());
+                present.next().copied().unwrap_or(f64::NAN)
+            };
+            thin.set(name, stretches.iter().map(first).collect());
+        }
+    }
+    thin
 }
 
 /// A record with some columns of another.
@@ -435,7 +597,8 @@ impl Prepared {
         Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
     }
 
-    fn new(rig: &Rig, record: &Record) -> Result<Prepared, BadInput> {
+    /// `repeatability_n` is what the force is off from run to run, if that is known.
+    fn new(rig: &Rig, record: &Record, repeatability_n: Option<f64>) -> Result<Prepared, BadInput> {
         let checked = check(record);
         checked.refuse(record)?;
         let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
@@ -444,12 +607,14 @@ impl Prepared {
             contraction: of(CONTRACTION).max(1e-7),
             force_n: of(FORCE_N).max(1e-3),
         };
+        let warnings = checked.warnings.iter().map(ToString::to_string).collect();
+        let record = &thinned(record, &noise);
         let contraction = record.require(CONTRACTION)?;
         let mut prepared = Prepared {
             gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
                 with_columns(
                     record,
-                    &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, "supply_pa"],
+                    &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, SUPPLY_PA],
                 )
             }),
             measured: with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]),
@@ -461,7 +626,11 @@ impl Prepared {
             sides: vec![0.0; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
-            warnings: checked.warnings.iter().map(ToString::to_string).collect(),
+            per_force_noise: Vec::new(),
+            pressure_span: Span::of(&checked, PRESSURE_PA),
+            force_span: Span::of(&checked, FORCE_N),
+            contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
+            warnings,
         };
         prepared.motion(record, contraction);
         let time_s = record.time_s();
@@ -474,6 +643,7 @@ impl Prepared {
         };
         prepared.gas_rows = rows(PRESSURE_PA);
         prepared.force_rows = rows(FORCE_N);
+        prepared.weigh_forces(rig, record, repeatability_n.unwrap_or(0.0));
         let Load::Weight(weight) = rig.load else {
             return Ok(prepared);
         };
@@ -498,12 +668,34 @@ impl Prepared {
         Ok(prepared)
     }
 
+    /// How well the force is known in each row that is compared: by its noise and the pressure's.
+    fn weigh_forces(&mut self, rig: &Rig, record: &Record, repeatability_n: f64) {
+        let contraction = record.column(CONTRACTION).unwrap_or_default();
+        if let Some(pressure_pa) = record.column(PRESSURE_PA) {
+            let span = self.pressure_span;
+            // The muscle's own pressure is not known there.
+            self.force_rows.retain(|row| !span.clips(pressure_pa[*row]));
+        }
+        let per_noise = |row: &usize| {
+            let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
+            let noise_n = (per_pressure_m2 * self.noise.pressure_pa)
+                .hypot(self.noise.force_n)
+                .hypot(FORCE_FLOOR_N.max(repeatability_n));
+            noise_n.recip()
+        };
+        self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
+    }
+
     /// Rates, directions, and on which side of a play the encoder is.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
+            // Rows that are farther apart than the kernel reaches show none.
+            if !rate_per_s.is_finite() {
+                continue;
+            }
             let error = self.noise.contraction * norm(&kernel.first);
             self.rates_per_s[row] = rate_per_s;
             if rate_per_s.abs() > SPEED_ERRORS * error {
@@ -620,7 +812,7 @@ fn norm(values: &[f64]) -> f64 {
 /// smoothed by the Gaussian are. Smoothing a balance of forces with the first leaves its other two
 /// to the contraction.
 struct Kernel {
-    rows: std::ops::Range<usize>,
+    rows: Range<usize>,
     value: Vec<f64>,
     first: Vec<f64>,
     second: Vec<f64>,
@@ -720,9 +912,18 @@ impl Model for MuscleModel {
         self.blocks[block] == GAS
     }
 
+    /// What a bench does not repeat is off for a whole run, not from row to row.
+    fn doubt_of_noise(&self, block: usize) -> f64 {
+        if self.blocks[block] == FORCE && self.repeatability_n.is_some() {
+            DOUBT_OF_REPEATABILITY
+        } else {
+            DOUBT_OF_NOISE
+        }
+    }
+
     /// The motion from the measured pressure: where the weight stays after each stop tells
-    /// friction,
-    /// play and slack far better than the balance of forces does, which knows only a tube there.
+    /// friction, play and slack far better than the balance of forces does, which knows only a tube
+    /// there.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
         let rig = self.fitted(nominal, effects);
         if !matches!(rig.load, Load::Weight(_)) {
@@ -764,6 +965,10 @@ impl Model for MuscleModel {
             of("pressure", "Pa", &|row| pressure_pa[row]),
             of("contraction", "", &|row| contraction[row]),
             of("rate", "1/s", &|row| record.rates_per_s[row].abs()),
+            of("pressure rate", "Pa/s", &|row| {
+                let (from, to) = (row.saturating_sub(1), (row + 1).min(time_s.len() - 1));
+                (pressure_pa[to] - pressure_pa[from]) / (time_s[to] - time_s[from])
+            }),
             of("time", "s", &|row| time_s[row] - time_s[0]),
         ]
     }
@@ -786,7 +991,7 @@ impl Model for MuscleModel {
 }
 
 /// Runs `rig` with a prescribed load on the inputs of `record`: what is read, and the true force.
-fn run(rig: &Rig, record: &Record) -> Option<Vec<(crate::plant::sensors::Reading, f64)>> {
+fn run(rig: &Rig, record: &Record) -> Option<Vec<(Reading, f64)>> {
     let inputs = Inputs::new(rig, record).ok()?;
     let plant = Plant::new(rig, inputs.simulated).ok()?;
     let first = |name: &str| {
@@ -824,8 +1029,10 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     let inputs = record.unplayed(play(&rig), record.gas.as_ref()?, None);
     let measured = inputs.column(PRESSURE_PA)?;
     let read = run(&rig, &inputs)?;
-    let residual =
-        |row: &usize| (read[*row].0.pressure.0 - measured[*row]) / record.noise.pressure_pa;
+    let residual = |row: &usize| {
+        let simulated_pa = record.pressure_span.read(read[*row].0.pressure.0);
+        (simulated_pa - measured[*row]) / record.noise.pressure_pa
+    };
     Some(Residuals::exact(
         record.gas_rows.iter().map(residual).collect(),
     ))
@@ -834,25 +1041,50 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
 fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
-    let contraction = record.measured.column(CONTRACTION)?;
     let forces_n = record.forces_n(&rig)?;
-    let residual = |row: &usize| {
-        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
-        let noise_n = (per_pressure_m2 * record.noise.pressure_pa)
-            .hypot(record.noise.force_n)
-            .hypot(FORCE_FLOOR_N);
-        let (least_n, most_n) = forces_n[*row];
+    // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
+    // right because the sensor cannot tell.
+    let most_n = record.force_span.most;
+    let residual = |(row, per_noise): (&usize, &f64)| {
+        let (least_n, most_n) = (forces_n[*row].0.min(most_n), forces_n[*row].1.min(most_n));
         let middle_n = 0.5 * (least_n + most_n);
         (
-            (middle_n - measured[*row]) / noise_n,
-            0.5 * (most_n - least_n) / noise_n,
+            (middle_n - measured[*row]) * per_noise,
+            0.5 * (most_n - least_n) * per_noise,
         )
     };
-    let (values, slack) = record.force_rows.iter().map(residual).unzip();
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    let (values, slack) = rows.map(residual).unzip();
     Some(Residuals { values, slack })
 }
 
 impl MuscleModel {
+    /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
+    /// where there is one.
+    fn loading_n(&self, record: &Prepared, rig: &mut Rig) -> Option<Vec<(f64, f64)>> {
+        if !self.blocks.contains(&FORCE) {
+            rig.load = Load::Prescribed;
+            return record.forces_n(rig);
+        }
+        let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
+        let measured_n = record.measured.column(FORCE_N)?.iter();
+        let truth = |(force_n, time_s): (&f64, &f64)| {
+            let reading = Reading {
+                pressure: GaugePa(0.0),
+                contraction: 0.0,
+                force_n: *force_n,
+            };
+            let true_n = sensors.truth(*time_s, reading).force_n;
+            (true_n, true_n)
+        };
+        Some(
+            measured_n
+                .zip(record.measured.time_s())
+                .map(truth)
+                .collect(),
+        )
+    }
+
     /// How far the balance of forces on the weight lies outside what friction can take up.
     fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Residuals> {
         let Load::Weight(weight) = rig.load else {
@@ -873,13 +1105,7 @@ impl MuscleModel {
             }
         }
         let played = record.unplayed(play(&rig), &record.measured, None);
-        let forces_n: Vec<(f64, f64)> = if self.blocks.contains(&FORCE) {
-            let measured_n = record.measured.column(FORCE_N)?.iter();
-            measured_n.map(|force_n| (*force_n, *force_n)).collect()
-        } else {
-            rig.load = Load::Prescribed;
-            record.forces_n(&rig)?
-        };
+        let forces_n = self.loading_n(record, &mut rig)?;
         let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
         // States of terms are at rest here: forms that have some are judged without them.

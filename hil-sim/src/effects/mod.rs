@@ -14,6 +14,7 @@ mod contraction_sensor_offset;
 mod creep;
 mod dead_band;
 mod flow_limit;
+mod force_sensor_offset;
 mod friction;
 mod heat_exchange;
 mod hysteresis;
@@ -141,6 +142,7 @@ pub const CATALOGUE: &[EffectKind] = &[
     pressure_sensor_gain::KIND,
     pressure_sensor_drift::KIND,
     contraction_sensor_offset::KIND,
+    force_sensor_offset::KIND,
 ];
 
 /// The effect of that name, if the catalogue has it.
