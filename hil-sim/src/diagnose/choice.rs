@@ -39,6 +39,9 @@ const SHARE_OF_REST: f64 = 0.2;
 const NOTHING: f64 = 1e-6;
 /// Share of what the others gain that a member must gain: no form is known better than 5 %.
 const SHARE_OF_ALL: f64 = 0.05 * 0.05;
+/// Share of what its blocks cost without it that it must gain beside others: what their forms leave
+/// is not white, and weighs more than noise.
+const SHARE_OF_WHOLE: f64 = 0.05;
 /// Share of what a member gains that nominal values may be moved for it.
 const SHARE_OF_CALIBRATION: f64 = 0.01;
 /// What nominal values may cost beside what is gained.
@@ -416,10 +419,12 @@ impl<M: Model> Search<'_, '_, M> {
             parts.map(|part| part.total().cost).sum()
         };
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let rest = SHARE_OF_WHOLE * cost(without);
         let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
         let prior = hypothesis.fit.prior - without.fit.prior;
         GAIN.max(noise.sum())
             .max(SHARE_OF_ALL * of_others)
+            .max(rest)
             .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }
 
