@@ -1,8 +1,6 @@
 //! What ticks in a case: the device of the firmware, here or on a board.
 
 use super::kind::{Memory, SettingsFault};
-use crate::closed_loop;
-use crate::rig::Rig;
 use model_core::controller::Controller;
 use model_core::device::{Command, Device, Pins};
 use model_core::frame::{Output, Request};
@@ -127,23 +125,29 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// What `fault` leaves.
-    pub fn after(rig: &Rig, fault: SettingsFault, size: f64, random: &mut impl Rng) -> Stored {
-        let of_gain = |gain: f32| {
-            let values = SettingsValues {
-                gain,
-                ..SettingsValues::reference()
-            };
-            closed_loop::settings(rig).and_then(|_| {
-                Settings::new(values).map_err(|error| rig.bad_file(&error.to_string()))
-            })
-        };
-        let (Ok(old), Ok(new), Ok(reference)) = (of_gain(18.0), of_gain(19.0), of_gain(20.0))
-        else {
-            unreachable!("gains within their limits")
-        };
+    /// These settings.
+    pub fn new(values: &SettingsValues) -> Stored {
+        let settings = valid(*values);
         let mut sectors = [(); 2].map(|()| vec![0xFF_u8; 4 * SLOT_LEN]);
-        write(&mut sectors, &old, 1.0);
+        write(&mut sectors, &settings, 1.0);
+        Stored {
+            sectors,
+            allowed: [settings; 3],
+        }
+    }
+
+    /// What `fault` leaves of these, with another gain.
+    pub fn after(
+        values: &SettingsValues,
+        fault: SettingsFault,
+        size: f64,
+        random: &mut impl Rng,
+    ) -> Stored {
+        let of_gain = |gain: f32| SettingsValues { gain, ..*values };
+        let old = valid(of_gain(18.0));
+        let new = valid(of_gain(19.0));
+        let reference = valid(SettingsValues::reference());
+        let Stored { mut sectors, .. } = Stored::new(old.values());
         match fault {
             SettingsFault::Erased => sectors[0].fill(0xFF),
             SettingsFault::HalfWritten => write(&mut sectors, &new, size),
@@ -178,6 +182,14 @@ impl Stored {
         let found = store::load([&self.sectors[0], &self.sectors[1]]);
         let found = found.ok().flatten().unwrap_or(reference);
         (found, [old, new, reference].contains(&found))
+    }
+}
+
+/// What a case's board is given is within its limits.
+fn valid(values: SettingsValues) -> Settings {
+    match Settings::new(values) {
+        Ok(settings) => settings,
+        Err(error) => unreachable!("{error}"),
     }
 }
 
