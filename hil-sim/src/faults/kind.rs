@@ -257,9 +257,9 @@ use Inject::{PowerLost, ValveSlow};
 use Instrument::{Bridge, Encoder, Pressure};
 
 /// Three suspect ticks, and the tick in which the fault falls \[s\].
-const AT_ONCE_S: f64 = 0.05;
+const AT_ONCE_S: f64 = 0.04;
 /// Fifty equal readings besides \[s\].
-const STUCK_S: f64 = 0.56;
+const STUCK_S: f64 = 0.5 + AT_ONCE_S;
 
 /// All kinds.
 pub const KINDS: &[Kind] = &[
@@ -471,7 +471,7 @@ pub const KINDS: &[Kind] = &[
         &[0.1, 0.2],
         "of supply",
         DROPPED,
-        latched(|_| 0.05, WAITING, |fault| fault == Fault::Uncommanded),
+        latched(|_| AT_ONCE_S, WAITING, |fault| fault == Fault::Uncommanded),
     ),
     kind(
         "valve stuck at the exhaust",
@@ -522,7 +522,7 @@ pub const KINDS: &[Kind] = &[
         Controller,
         None,
     ),
-    // Twice V/(RθC) of the smallest hole and the largest muscle.
+    // V/(RθC) of the smallest hole and the largest muscle is 0.33 s, and the air cools besides.
     kind(
         "hose off",
         HoseOff,
