@@ -7,7 +7,7 @@ use model_core::frame::{Output, Request};
 use model_core::link::{Decoder, FRAME_LEN_MAX, ToDevice, encode};
 use model_core::safety::SafetyFunction;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::DacCount;
+use model_core::signal::{DacCount, EncoderCount};
 use model_core::store::{self, SLOT_LEN};
 use model_core::timing::Timing;
 use rand::{Rng, RngExt};
@@ -43,6 +43,8 @@ pub struct OnPc {
     without: Option<SafetyFunction>,
     device: Device,
     decoder: Decoder,
+    /// Where the encoder was when its counter began at zero.
+    counts_from: Option<EncoderCount>,
 }
 
 /// Commands that the firmware queues for a tick.
@@ -56,6 +58,7 @@ impl OnPc {
             without,
             device: Device::new(settings),
             decoder: Decoder::new(),
+            counts_from: None,
         };
         unit.restart();
         unit
@@ -82,9 +85,14 @@ impl Unit for OnPc {
                 _ => {}
             }
         }
+        let counts_from = *self.counts_from.get_or_insert(pins.encoder);
+        let pins = Pins {
+            encoder: EncoderCount(pins.encoder.since(counts_from) as u32),
+            ..*pins
+        };
         let tick = self
             .device
-            .tick(pins, timing, vent.into_iter().chain(queue));
+            .tick(&pins, timing, vent.into_iter().chain(queue));
         Told {
             valve: tick.valve,
             output: tick.telemetry.output,
@@ -94,6 +102,7 @@ impl Unit for OnPc {
     fn restart(&mut self) {
         self.device = Device::new(self.settings);
         self.decoder = Decoder::new();
+        self.counts_from = None;
         if let Some(function) = self.without {
             *self.device.controller_mut() = Controller::without(self.settings, function);
         }
