@@ -57,8 +57,8 @@ fn a_healthy_rig_raises_no_alarm() {
     assert!(outside(&outcomes).is_empty(), "{:#?}", outside(&outcomes));
 }
 
-/// Each safety function is needed: without it a case that is within its bounds is outside of one. Of
-/// the last five no case is known that is outside of another bound than the reason's.
+/// Each safety function is needed: without it a case that is within its bounds is outside of one.
+/// Of the last five no case is known that is outside of another bound than the reason's.
 #[test]
 fn without_any_safety_function_a_case_is_outside() {
     let needed = [

@@ -313,8 +313,8 @@ fn listen(next: &mut State, verdicts: &Verdicts, request: Request) {
 }
 
 /// True where the pressure has changed by more than static friction can hold since the encoder
-/// moved. On its stop the weight rests until it is lifted, which the force balance tells; an encoder
-/// with play does not come back to the very count.
+/// moved. On its stop the weight rests until it is lifted, which the force balance tells; an
+/// encoder with play does not come back to the very count.
 fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel_m: f32) -> bool {
     let on_stop = travel_m < STOP_CONTRACTION * values.muscle.initial_length_m;
     // A pressure that is astray says nothing about the encoder.

@@ -87,9 +87,9 @@ pub struct Case {
 
 /// When the person asks for assistance, or an experiment, if it is offered \[s\].
 pub(crate) const ASKS_S: f64 = 0.9;
-/// How long a case goes on after the lift and after a latched reason \[s\]: the reference falls from
-/// the highest pressure in 2.5 s, three time constants of the slowest valve pass, and the rest is
-/// looked at.
+/// How long a case goes on after the lift and after a latched reason \[s\]: the reference falls
+/// from the highest pressure in 2.5 s, three time constants of the slowest valve pass, and what is
+/// left is looked at.
 pub(crate) const AFTER_S: f64 = 2.5 + 3.0 * 0.3 + END_S;
 /// The held part of a lift \[s\].
 const HOLD_S: f64 = 0.8;

@@ -1,5 +1,5 @@
-//! Random use of the image that would be flashed. `SOAK_HOURS=24 cargo test --release --test firmware
-//! soak -- --nocapture` for the whole.
+//! Random use of the image that would be flashed. For the whole:
+//! `SOAK_HOURS=24 FIRMWARE=… cargo test --release --test firmware soak -- --nocapture`.
 
 #[path = "../../../../hil-sim/tests/board/soak.rs"]
 mod soak;
