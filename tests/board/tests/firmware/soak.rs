@@ -2,7 +2,7 @@
 //! `SOAK_HOURS=24 FIRMWARE=… cargo test --release --test firmware soak -- --nocapture`.
 
 #[path = "../../../../hil-sim/tests/board/soak.rs"]
-mod soak;
+mod random_use;
 
 use crate::faults::OnBoard;
 use hil_sim::faults::unit::{Unit, frame};
@@ -22,7 +22,7 @@ fn hours_of_use_miss_no_tick() {
     let hours = std::env::var("SOAK_HOURS").map_or(HOURS, |hours| hours.parse().expect("hours"));
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut ticks = 0;
-    soak::soak(hours, &settings, |sensors| {
+    random_use::soak(hours, &settings, |sensors| {
         let output = board
             .tick(&pins(sensors), 0, 0.0, &asked(sensors.request))
             .output;
