@@ -69,14 +69,27 @@ impl Emulated {
         let stdin = self.stdin.as_mut().ok_or(io::ErrorKind::BrokenPipe)?;
         stdin.write_all(&request)?;
         stdin.flush()?;
-        let passed_us = number(&mut self.stdout)?;
-        field(&mut self.stdout, received)?;
-        let mut text = Vec::new();
-        field(&mut self.stdout, &mut text)?;
-        let text = String::from_utf8_lossy(&text);
-        self.log.extend(text.lines().map(String::from));
-        Ok(Duration::from_micros(u64::from(passed_us.max(1))))
+        let (passed, lines) = answer(&mut self.stdout, received)?;
+        self.log.extend(lines);
+        Ok(passed)
     }
+}
+
+/// Reads an answer of the program: the time that has passed, and what was logged; what has come
+/// over the link goes to `received`.
+///
+/// # Errors
+/// It is cut off, or claims to be longer than any.
+pub fn answer(from: &mut impl Read, received: &mut Vec<u8>) -> io::Result<(Duration, Vec<String>)> {
+    let passed_us = number(from)?.max(1);
+    field(from, received)?;
+    let mut text = Vec::new();
+    field(from, &mut text)?;
+    let lines = String::from_utf8_lossy(&text)
+        .lines()
+        .map(String::from)
+        .collect();
+    Ok((Duration::from_micros(passed_us.into()), lines))
 }
 
 fn number(from: &mut impl Read) -> io::Result<u32> {

@@ -279,7 +279,7 @@ fn sense(
         // Home is not known before the self-check has found it.
         out_of_range: state.mode != Mode::SelfCheck
             && travel_m < -STOP_CONTRACTION * values.muscle.initial_length_m,
-        at_standstill: !moved && stands_still(values, state, pressure.value(), travel),
+        at_standstill: !moved && stands_still(values, state, pressure.value(), travel_m),
         step_max: values.encoder_step_m_max,
         stuck_ticks: 0,
         suspect_ticks: values.suspect_ticks,
@@ -313,10 +313,12 @@ fn listen(next: &mut State, verdicts: &Verdicts, request: Request) {
 }
 
 /// True where the pressure has changed by more than static friction can hold since the encoder
-/// moved. On its stop the weight rests until it is lifted, which the force balance tells.
-fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel: i32) -> bool {
+/// moved. On its stop the weight rests until it is lifted, which the force balance tells; an
+/// encoder with play does not come back to the very count.
+fn stands_still(values: &SettingsValues, state: &State, pressure_pa: f32, travel_m: f32) -> bool {
+    let on_stop = travel_m < STOP_CONTRACTION * values.muscle.initial_length_m;
     // A pressure that is astray says nothing about the encoder.
-    if travel.unsigned_abs() <= FLICKER_COUNTS || !state.follower.is_calm() {
+    if on_stop || !state.follower.is_calm() {
         return false;
     }
     let change_pa = pressure_pa - state.moved_at_pa;

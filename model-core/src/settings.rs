@@ -21,7 +21,7 @@ const VERSION_LEN: usize = 2;
 const CHECKSUM_LEN: usize = 4;
 
 /// The weight on its stop is within this of ε = 0: 6 mm of the paper's muscle.
-pub(crate) const STOP_CONTRACTION: f32 = 0.02;
+pub const STOP_CONTRACTION: f32 = 0.02;
 
 /// Finer is no muscle's encoder: whatever moves would seem to stand \[m\].
 const ENCODER_M_PER_COUNT_MIN: f32 = 1e-7;

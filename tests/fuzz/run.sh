@@ -13,13 +13,18 @@ done
 # With a target named, build scripts are not instrumented.
 host=$(rustc -vV | sed -n 's/^host: //p')
 RUSTFLAGS=$flags cargo build --release --target "$host" >&2
-[ $# -gt 0 ] || set -- link settings record mcap rig
+[ $# -gt 0 ] || set -- link settings pipe record mcap rig
 for name in "$@"; do
     mkdir -p "target/corpus/$name"
     printf '%s: ' "$name"
-    case $name in link | settings) max_len=256 ;; *) max_len=4096 ;; esac
+    case $name in
+        link | settings | pipe) max_len=256 ;;
+        record) max_len=512 ;;
+        rig) max_len=1024 ;;
+        *) max_len=4096 ;;
+    esac
     "target/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \
-        "target/corpus/$name" "seeds/$name" >"target/$name.log" 2>&1 || true
+        -artifact_prefix=target/ "target/corpus/$name" "seeds/$name" >"target/$name.log" 2>&1 || true
     grep -E '^Done|ERROR|panicked' "target/$name.log"
     grep -q '^Done' "target/$name.log"
 done

@@ -27,5 +27,5 @@ fn every_seed_of_every_target_holds() {
     }
     ran.sort();
     ran.dedup();
-    assert_eq!(ran, ["link", "mcap", "record", "rig", "settings"]);
+    assert_eq!(ran, ["link", "mcap", "pipe", "record", "rig", "settings"]);
 }

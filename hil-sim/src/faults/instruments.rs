@@ -9,6 +9,10 @@ use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
 use model_core::signal::{AdcCount, COUNT_MAX, EncoderCount};
 use rand::{Rng, RngExt};
+use std::ops::RangeInclusive;
+
+/// An amplifier ends 5 mV short of its rails \[counts\], with a count of the converter's noise.
+const SWING: RangeInclusive<f64> = 6.0..=4089.0;
 
 /// The electrical side: what the pins get of the plant.
 pub(super) struct Instruments<'a> {
@@ -67,13 +71,23 @@ impl<'a> Instruments<'a> {
         let mut encoder = (travel_m / f64::from(values.encoder_m_per_count)).round() as i64;
         let moved = encoder - std::mem::replace(&mut self.last, encoder);
         if since_s.is_some() {
+            let flicker = |normal: f64| (size * normal).round() as i64;
             let (frozen, home) = *self.frozen.get_or_insert((adc, encoder));
-            let mut flicker = || (size * normal()).round() as i64;
             match self.inject {
-                Inject::Reading(instrument) => adc[place(instrument)] = size as u16,
-                Inject::Freeze(Instrument::Encoder) => encoder = home + flicker(),
+                Inject::Reading(instrument, noise) => {
+                    let count = size + noise * normal();
+                    adc[place(instrument)] = count.round().clamp(0.0, COUNT_MAX.into()) as u16;
+                }
+                Inject::Drift(instrument) => {
+                    let count = f64::from(adc[place(instrument)]);
+                    if !SWING.contains(&count) {
+                        let count = count.clamp(*SWING.start(), *SWING.end()) + normal();
+                        adc[place(instrument)] = count.round() as u16;
+                    }
+                }
+                Inject::Freeze(Instrument::Encoder) => encoder = home + flicker(normal()),
                 Inject::Freeze(instrument) => {
-                    let count = i64::from(frozen[place(instrument)]) + flicker();
+                    let count = i64::from(frozen[place(instrument)]) + flicker(normal());
                     adc[place(instrument)] = count.clamp(0, COUNT_MAX.into()) as u16;
                 }
                 Inject::EncoderLoses => self.lost += size * moved as f64,

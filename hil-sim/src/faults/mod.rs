@@ -17,6 +17,7 @@ use crate::closed_loop::{CHECKED_S, Finger};
 use crate::effects::CATALOGUE;
 use crate::rig::{Effect, Load, Rig};
 use kind::{Inject, KINDS, Kind};
+use outcome::END_S;
 pub use plant::Hardware;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -38,17 +39,20 @@ pub enum Moment {
     Holding,
     /// On the way down.
     Lowering,
+    /// While an experiment is played, nobody at the lever.
+    Playing,
 }
 
 impl Moment {
     /// All of them.
-    pub const ALL: [Moment; 6] = [
+    pub const ALL: [Moment; 7] = [
         Moment::Start,
         Moment::Ready,
         Moment::Rest,
         Moment::Lifting,
         Moment::Holding,
         Moment::Lowering,
+        Moment::Playing,
     ];
 }
 
@@ -65,7 +69,9 @@ pub struct Case {
     pub moment: Moment,
     /// The same \[s\].
     pub fault_s: f64,
-    /// When the case ends \[s\].
+    /// When the hand, or an experiment, has ended \[s\].
+    pub used_s: f64,
+    /// When the case ends, where no reason is latched later \[s\].
     pub ends_s: f64,
     /// What the hand does.
     pub finger: Finger,
@@ -79,10 +85,12 @@ pub struct Case {
     pub hardware: Hardware,
 }
 
-/// When the person asks for assistance, if it is offered \[s\].
+/// When the person asks for assistance, or an experiment, if it is offered \[s\].
 pub(crate) const ASKS_S: f64 = 0.9;
-/// How long a case goes on after its fault \[s\]: venting from the highest pressure takes 2.5 s.
-const AFTER_S: f64 = 3.5;
+/// How long a case goes on after the lift and after a latched reason \[s\]: the reference falls
+/// from the highest pressure in 2.5 s, three time constants of the slowest valve pass, and what is
+/// left is looked at.
+pub(crate) const AFTER_S: f64 = 2.5 + 3.0 * 0.3 + END_S;
 /// The held part of a lift \[s\].
 const HOLD_S: f64 = 0.8;
 
@@ -108,16 +116,19 @@ impl Case {
             Moment::Lifting => start_s + rise_s * share,
             Moment::Holding => start_s + rise_s + HOLD_S * share,
             Moment::Lowering => start_s + rise_s + HOLD_S + rise_s * share,
+            Moment::Playing => start_s + (2.0 * rise_s + HOLD_S) * share,
         };
         let arms_n_per_m = [f64::INFINITY, 1500.0, 500.0];
-        let lift_s = start_s + 2.0 * rise_s + HOLD_S;
+        let used_s = start_s + 2.0 * rise_s + HOLD_S;
+        let seen_s = kind.latched.map_or(0.0, |latched| (latched.within_s)(size));
         Case {
             number,
             kind,
             size,
             moment,
             fault_s,
-            ends_s: lift_s.max(fault_s) + AFTER_S.min(lift_s + AFTER_S - fault_s),
+            used_s,
+            ends_s: used_s.max(fault_s + seen_s) + AFTER_S,
             finger: Finger::Lift {
                 start_s,
                 travel_m: random.random_range(0.06..0.12),

@@ -1,15 +1,20 @@
 //! What is measured of a case, and whether it is within its bounds.
 
 use super::bounds::Bounds;
-use super::kind::{Inject, Kind};
+use super::kind::{Inject, Latched};
 use super::unit::Told;
-use super::{Case, Moment};
+use super::{AFTER_S, Case, Moment};
+use crate::plant::load::GRAVITY_M_PER_S2;
 use crate::plant::simulation::Simulation;
+use crate::rig::Load;
+use model_core::settings::STOP_CONTRACTION;
 use model_core::supervisor::{Fault, Mode};
 use serde::{Serialize, Serializer};
 
 /// Stretch at the end over which the weight must be at rest \[s\].
-const END_S: f64 = 0.3;
+pub(super) const END_S: f64 = 0.3;
+/// At rest: a press may close at 10 mm/s beside a person, as one can draw back (ISO 16092-3).
+const REST_M_PER_S: f64 = 0.01;
 
 /// What has become of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -32,6 +37,8 @@ pub struct Outcome {
     pub speed_down_m_per_s_max: f64,
     /// Fastest in the last 0.3 s \[m/s\].
     pub speed_m_per_s_final: f64,
+    /// Highest place in the same \[m\].
+    pub height_m_final: f64,
     /// How far the weight rose above its place at the fault \[m\].
     pub rise_m: f64,
     /// How far it fell below it \[m\].
@@ -50,6 +57,14 @@ pub struct Outcome {
     pub outside: Vec<&'static str>,
 }
 
+impl Outcome {
+    /// The weight or the pressure is outside, not only what was recorded.
+    pub fn has_moved(&self) -> bool {
+        let physical = |bound: &&str| !bound.starts_with("reason") && *bound != "false alarm";
+        self.outside.iter().any(physical)
+    }
+}
+
 fn in_words<S: Serializer>(mode: &Mode, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&format_args!("{mode:?}"))
 }
@@ -61,14 +76,31 @@ fn maybe_in_words<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result
     }
 }
 
+/// The valve obeys, and friction does not hold up what is left of the load.
+fn can_be_let_down(case: &Case) -> bool {
+    match (case.kind.inject, &case.rig.load) {
+        (Inject::Valve | Inject::Dac, _) => false,
+        (Inject::Load, Load::Weight(weight)) => {
+            let left_n = case.size * weight.mass_kg * GRAVITY_M_PER_S2;
+            left_n > weight.static_friction_n
+        }
+        _ => true,
+    }
+}
+
 /// Keeps the worst of a case.
 pub(super) struct Watch<'a> {
     case: &'a Case,
     outcome: Outcome,
     fallen: bool,
     begins_m: f64,
-    has_assisted: bool,
+    /// Assistance has begun after the fault, before the hand moves: one that pulls as much as the
+    /// gauge is off makes it whole again.
+    begun_after: bool,
 }
+
+/// A bound, and whether the case is outside of it.
+type Check = (&'static str, bool);
 
 impl Watch<'_> {
     pub(super) fn new(case: &Case, bounds: Bounds) -> Watch<'_> {
@@ -82,6 +114,7 @@ impl Watch<'_> {
             speed_up_m_per_s_max: 0.0,
             speed_down_m_per_s_max: 0.0,
             speed_m_per_s_final: 0.0,
+            height_m_final: 0.0,
             rise_m: 0.0,
             fall_m: 0.0,
             height_m_max: 0.0,
@@ -95,13 +128,19 @@ impl Watch<'_> {
             outcome,
             fallen: false,
             begins_m: 0.0,
-            has_assisted: false,
+            begun_after: false,
         }
     }
 
     pub(super) fn begin(&mut self, simulation: &Simulation) {
         self.fallen = true;
         self.begins_m = self.height_m(simulation);
+    }
+
+    /// When the case ends \[s\].
+    pub(super) fn ends_s(&self) -> f64 {
+        let latched_s = self.outcome.latched_after_s.unwrap_or(0.0) + self.case.fault_s;
+        self.case.ends_s.max(latched_s + AFTER_S)
     }
 
     fn height_m(&self, simulation: &Simulation) -> f64 {
@@ -112,7 +151,7 @@ impl Watch<'_> {
         if !self.fallen {
             return;
         }
-        let height_m = self.height_m(simulation);
+        let (height_m, ends_s) = (self.height_m(simulation), self.ends_s());
         let speed_m_per_s =
             simulation.contraction_rate_per_s() * self.case.rig.muscle.initial_length_m;
         let outcome = &mut self.outcome;
@@ -123,15 +162,19 @@ impl Watch<'_> {
         most(&mut outcome.height_m_max, height_m);
         most(&mut outcome.rise_m, height_m - self.begins_m);
         most(&mut outcome.fall_m, self.begins_m - height_m);
-        if time_s > self.case.ends_s - END_S {
+        if time_s > ends_s - END_S {
             most(&mut outcome.speed_m_per_s_final, speed_m_per_s.abs());
+            most(&mut outcome.height_m_final, height_m);
+        } else {
+            // A reason may be latched after all.
+            (outcome.speed_m_per_s_final, outcome.height_m_final) = (0.0, 0.0);
         }
     }
 
     pub(super) fn told(&mut self, time_s: f64, told: &Told) {
-        // A hand that pulls as much as the gauge is off makes it whole again.
-        let assists = told.output.mode == Mode::Assisting;
-        self.has_assisted |= assists && time_s < self.case.finger.followed_s().start;
+        let begins = self.outcome.mode == Mode::Ready && told.output.mode == Mode::Assisting;
+        self.begun_after |= begins && self.fallen && time_s < self.case.finger.followed_s().start;
+        self.outcome.mode = told.output.mode;
         let outcome = &mut self.outcome;
         if told.output.fault.is_some() {
             outcome.reason = told.output.fault;
@@ -142,28 +185,21 @@ impl Watch<'_> {
     }
 
     pub(super) fn outcome(mut self, told: &Told) -> Outcome {
-        let outcome = &mut self.outcome;
-        outcome.mode = told.output.mode;
-        let bounds = outcome.bounds;
-        let Kind {
-            latched,
-            bars_start,
-            ..
-        } = self.case.kind;
-        let must = latched.filter(|latched| {
-            latched.moments.contains(&self.case.moment) && self.begins_m >= latched.above_m
-        });
-        let late = must.is_some_and(|must| {
-            let after_s = outcome.latched_after_s;
-            after_s.is_none_or(|after_s| after_s > must.within_s)
-        });
-        let wrong = must.is_some_and(|must| {
-            let reason = outcome.reason;
-            reason.is_some_and(|reason| !(must.is_right)(reason))
-        });
-        let begun = *bars_start && self.case.moment == Moment::Start && self.has_assisted;
-        let false_alarm = self.case.kind.inject == Inject::Healthy && outcome.reason.is_some();
-        let checks = [
+        self.outcome.mode = told.output.mode;
+        let outside = [
+            self.beyond_bounds(),
+            self.not_safe_at_the_end(),
+            self.misjudged(),
+        ]
+        .concat();
+        let outside = outside.into_iter().filter(|(_, is_outside)| *is_outside);
+        self.outcome.outside = outside.map(|(name, _)| name).collect();
+        self.outcome
+    }
+
+    fn beyond_bounds(&self) -> Vec<Check> {
+        let (outcome, bounds) = (&self.outcome, &self.outcome.bounds);
+        vec![
             (
                 "speed up",
                 outcome.speed_up_m_per_s_max > bounds.speed_up_m_per_s,
@@ -174,13 +210,54 @@ impl Watch<'_> {
             ),
             ("height", outcome.height_m_max > bounds.height_m),
             ("pressure", outcome.pressure_pa_max > bounds.pressure_pa),
+        ]
+    }
+
+    /// Where the controller has ended, or must have, the weight is on its stop; and it is at rest
+    /// whatever has happened.
+    fn not_safe_at_the_end(&self) -> Vec<Check> {
+        let (case, outcome) = (self.case, &self.outcome);
+        let in_use = matches!(
+            outcome.mode,
+            Mode::Assisting | Mode::Holding | Mode::Playing
+        );
+        let ended = !in_use || self.must_latch().is_some();
+        let stop_m = f64::from(STOP_CONTRACTION) * case.rig.muscle.initial_length_m;
+        let barred = match case.moment {
+            Moment::Start => case.kind.bars_start,
+            _ => self.must_latch().is_some(),
+        };
+        vec![
+            (
+                "not let down",
+                ended && can_be_let_down(case) && outcome.height_m_final > stop_m,
+            ),
+            ("not at rest", outcome.speed_m_per_s_final > REST_M_PER_S),
+            ("begun", barred && self.begun_after),
+        ]
+    }
+
+    fn must_latch(&self) -> Option<Latched> {
+        self.case.kind.latched.filter(|latched| {
+            latched.moments.contains(&self.case.moment) && self.begins_m >= latched.above_m
+        })
+    }
+
+    fn misjudged(&self) -> Vec<Check> {
+        let (outcome, must) = (&self.outcome, self.must_latch());
+        let late = must.is_some_and(|must| {
+            let after_s = outcome.latched_after_s;
+            after_s.is_none_or(|after_s| after_s > (must.within_s)(self.case.size))
+        });
+        let wrong = must.is_some_and(|must| {
+            let reason = outcome.reason;
+            reason.is_some_and(|reason| !(must.is_right)(reason))
+        });
+        let is_healthy = self.case.kind.inject == Inject::Healthy;
+        vec![
             ("reason late", late),
             ("reason wrong", wrong),
-            ("begun", begun),
-            ("false alarm", false_alarm),
-        ];
-        let outside = checks.into_iter().filter(|(_, is_outside)| *is_outside);
-        outcome.outside = outside.map(|(name, _)| name).collect();
-        self.outcome
+            ("false alarm", is_healthy && outcome.reason.is_some()),
+        ]
     }
 }

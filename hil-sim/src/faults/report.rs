@@ -6,6 +6,7 @@ use super::outcome::Outcome;
 use crate::report::{Report, Section, Table};
 use model_core::safety::SafetyFunction;
 use serde::Serialize;
+use std::cmp::Ordering;
 
 /// Cases listed in the report.
 const LISTED: usize = 40;
@@ -210,34 +211,36 @@ pub struct Lacking {
     pub without: String,
     /// Cases.
     pub cases: usize,
-    /// Cases outside of anything, wrong and late reasons included.
+    /// Cases outside of any bound.
     pub outside: usize,
-    /// Cases in which weight or pressure is beyond its bounds.
-    pub beyond: usize,
-    /// What they are outside of, and how many.
-    pub what: Vec<(String, usize)>,
-    /// The kinds of those beyond, and how many.
+    /// Of these, cases in which not only the reason is.
+    pub moved: usize,
+    /// The bounds that they are outside of, and how many.
+    pub bounds: Vec<(String, usize)>,
+    /// Their kinds, and how many.
     pub kinds: Vec<(String, usize)>,
-    /// The one that is furthest beyond, and its largest share of a bound.
+    /// The one that shows most, and its largest share of a bound.
     pub worst: Option<(u64, f64)>,
 }
 
 impl Lacking {
     /// Of the `outcomes` without `function`.
     pub fn new(function: SafetyFunction, outcomes: &[Outcome]) -> Lacking {
-        let outside = outcomes
-            .iter()
-            .filter(|outcome| !outcome.outside.is_empty());
-        let beyond: Vec<&Outcome> = outcomes.iter().filter(|o| share(o) > 1.0).collect();
+        let outside = outcomes.iter().filter(|o| !o.outside.is_empty());
+        let outside: Vec<&Outcome> = outside.collect();
         let kind = |outcome: &&Outcome| KINDS[(outcome.case % KINDS.len() as u64) as usize].name;
-        let worst = beyond.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
+        let bounds = outside.iter().flat_map(|outcome| &outcome.outside);
+        let worst = outside.iter().max_by(|a, b| {
+            let rank = |outcome: &Outcome| (outcome.has_moved(), share(outcome));
+            rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal)
+        });
         Lacking {
             without: format!("{function:?}"),
             cases: outcomes.len(),
-            outside: outside.clone().count(),
-            beyond: beyond.len(),
-            what: tally(outside.flat_map(|o| o.outside.iter().map(|what| what.to_string()))),
-            kinds: tally(beyond.iter().map(|outcome| kind(outcome).into())),
+            outside: outside.len(),
+            moved: outside.iter().filter(|o| o.has_moved()).count(),
+            bounds: tally(bounds.map(|bound| bound.to_string())),
+            kinds: tally(outside.iter().map(|outcome| kind(outcome).into())),
             worst: worst.map(|worst| (worst.case, share(worst))),
         }
     }
@@ -248,9 +251,10 @@ pub fn report_lacking(seed: u64, lacking: &[Lacking]) -> Report {
     let row = |lacking: &Lacking| {
         vec![
             lacking.without.clone(),
-            format!("{} / {}", lacking.beyond, lacking.cases),
+            format!("{} / {}", lacking.outside, lacking.cases),
+            lacking.moved.to_string(),
+            counted(&lacking.bounds),
             counted(&lacking.kinds),
-            counted(&lacking.what),
             lacking.worst.map_or("–".into(), |(case, share)| {
                 format!("{case} ({:.0} %)", 100.0 * share)
             }),
@@ -263,9 +267,10 @@ pub fn report_lacking(seed: u64, lacking: &[Lacking]) -> Report {
         ),
         columns: [
             "without",
-            "beyond a bound / cases",
+            "outside / cases",
+            "not only the reason",
+            "of these bounds",
             "of these kinds",
-            "outside of",
             "worst case",
         ]
         .map(String::from)
@@ -275,9 +280,10 @@ pub fn report_lacking(seed: u64, lacking: &[Lacking]) -> Report {
     Report {
         title: "Each safety function switched off".into(),
         verdict: vec![format!(
-            "Without {} of {} safety functions cases are beyond their bounds.",
-            lacking.iter().filter(|lacking| lacking.beyond > 0).count(),
-            lacking.len()
+            "Without {} of {} safety functions cases are outside, without {} not only by a reason.",
+            lacking.iter().filter(|lacking| lacking.outside > 0).count(),
+            lacking.len(),
+            lacking.iter().filter(|lacking| lacking.moved > 0).count(),
         )],
         sections: vec![Section {
             heading: "What each is for".into(),

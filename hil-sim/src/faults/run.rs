@@ -2,11 +2,11 @@
 
 use super::bounds::bounds;
 use super::instruments::{Instruments, noise_on_link};
-use super::kind::{Inject, TickFault};
+use super::kind::{Inject, LinkFault, TickFault};
 use super::outcome::{Outcome, Watch};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Stored, Told, Unit, frame};
-use super::{ASKS_S, Case};
+use super::{ASKS_S, Case, Moment};
 use crate::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
 use crate::error::BadInput;
 use crate::plant::simulation::{Initial, Simulation};
@@ -27,6 +27,12 @@ use rand_pcg::Pcg64Mcg;
 const BOOT_S: f64 = 0.005;
 /// The peak speed is looked for so often in a tick.
 const LOOKS: u32 = 5;
+/// An experiment's pressure over what a finger would travel: 180 to 360 kPa.
+const PLAYED_PA_PER_M: f64 = 3e6;
+/// The highest that the settings of such a case allow \[Pa\].
+const PLAYED_PA_MAX: f32 = 4e5;
+/// The link that nothing comes over any more.
+const CUT: Inject = Inject::Link(LinkFault::Cut);
 /// A lever is slammed within this \[s\].
 const SLAM_S: f64 = 0.03;
 
@@ -226,7 +232,14 @@ impl<'a> Scene<'a> {
         }
         let contraction = self.simulation.contraction();
         let finger_m = self.hand.finger_m(intended_m, contraction);
-        let finger_force_n = self.hand.force_n(finger_m, contraction);
+        // Of an experiment nobody is at the lever, but who slams it.
+        let let_go =
+            self.case.moment == Moment::Playing && !matches!(fault, Some((Inject::Lever, _)));
+        let finger_force_n = if let_go {
+            0.0
+        } else {
+            self.hand.force_n(finger_m, contraction)
+        };
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let truth = [
             finger_force_n + Experiment::PAPER.bridge_noise_n * normal(),
@@ -241,11 +254,28 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// What comes over the link: the person asks for assistance once, as soon as it is offered.
+    /// What is asked for: assistance once, as soon as it is offered, or an experiment in each tick,
+    /// until it falls silent.
+    fn request(&mut self, time_s: f64) -> Request {
+        let mode = self.told.output.mode;
+        let plays = self.case.moment == Moment::Playing;
+        let may_ask = time_s >= ASKS_S && !matches!(self.fault(time_s), Some((CUT, _)));
+        match mode {
+            Mode::Ready | Mode::Playing if may_ask && plays && time_s < self.case.used_s => {
+                Request::Play((PLAYED_PA_PER_M * self.case.finger.intended_m(time_s)) as u32)
+            }
+            Mode::Ready if may_ask && !plays && !self.asked => {
+                self.asked = true;
+                Request::Assist
+            }
+            _ => Request::None,
+        }
+    }
+
+    /// What comes over the link.
     fn bytes(&mut self, time_s: f64, begins: bool) -> (Request, Vec<u8>) {
-        let (mut request, mut bytes) = (Request::None, Vec::new());
-        if self.told.output.mode == Mode::Ready && !self.asked && time_s >= ASKS_S {
-            (self.asked, request) = (true, Request::Assist);
+        let (request, mut bytes) = (self.request(time_s), Vec::new());
+        if request != Request::None {
             bytes = frame(&ToDevice::Command(Command::Request(request)));
         }
         if let Some((Inject::Link(fault), _)) = self.fault(time_s) {
@@ -336,7 +366,7 @@ pub fn run(
 ) -> Result<Outcome, BadInput> {
     let mut scene = Scene::new(case, settings.values())?;
     let mut time_s = 0.0;
-    while time_s < case.ends_s {
+    while time_s < scene.watch.ends_s() {
         let begins = !scene.fallen && time_s >= case.fault_s;
         if begins {
             scene.fall(unit, time_s);
@@ -377,16 +407,17 @@ fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
 
 /// What the flash of a case's board holds, where something is stored in it.
 pub fn stored(case: &Case) -> Option<Stored> {
+    let plays = case.moment == Moment::Playing;
+    let board = SettingsValues {
+        play_pressure_pa_max: if plays { PLAYED_PA_MAX } else { 0.0 },
+        ..SettingsValues::reference()
+    };
     match case.kind.inject {
         Inject::Settings(fault) => {
             let mut random = Pcg64Mcg::seed_from_u64(case.seed);
-            Some(Stored::after(
-                &Rig::reference(),
-                fault,
-                case.size,
-                &mut random,
-            ))
+            Some(Stored::after(&board, fault, case.size, &mut random))
         }
+        _ if plays => Some(Stored::new(&board)),
         _ => None,
     }
 }

@@ -1,15 +1,13 @@
 //! What ticks in a case: the device of the firmware, here or on a board.
 
 use super::kind::{Memory, SettingsFault};
-use crate::closed_loop;
-use crate::rig::Rig;
 use model_core::controller::Controller;
 use model_core::device::{Command, Device, Pins};
 use model_core::frame::{Output, Request};
 use model_core::link::{Decoder, FRAME_LEN_MAX, ToDevice, encode};
 use model_core::safety::SafetyFunction;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::DacCount;
+use model_core::signal::{DacCount, EncoderCount};
 use model_core::store::{self, SLOT_LEN};
 use model_core::timing::Timing;
 use rand::{Rng, RngExt};
@@ -45,6 +43,8 @@ pub struct OnPc {
     without: Option<SafetyFunction>,
     device: Device,
     decoder: Decoder,
+    /// Where the encoder was when its counter began at zero.
+    counts_from: Option<EncoderCount>,
 }
 
 /// Commands that the firmware queues for a tick.
@@ -58,6 +58,7 @@ impl OnPc {
             without,
             device: Device::new(settings),
             decoder: Decoder::new(),
+            counts_from: None,
         };
         unit.restart();
         unit
@@ -84,9 +85,14 @@ impl Unit for OnPc {
                 _ => {}
             }
         }
+        let counts_from = *self.counts_from.get_or_insert(pins.encoder);
+        let pins = Pins {
+            encoder: EncoderCount(pins.encoder.since(counts_from) as u32),
+            ..*pins
+        };
         let tick = self
             .device
-            .tick(pins, timing, vent.into_iter().chain(queue));
+            .tick(&pins, timing, vent.into_iter().chain(queue));
         Told {
             valve: tick.valve,
             output: tick.telemetry.output,
@@ -96,6 +102,7 @@ impl Unit for OnPc {
     fn restart(&mut self) {
         self.device = Device::new(self.settings);
         self.decoder = Decoder::new();
+        self.counts_from = None;
         if let Some(function) = self.without {
             *self.device.controller_mut() = Controller::without(self.settings, function);
         }
@@ -127,23 +134,29 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// What `fault` leaves.
-    pub fn after(rig: &Rig, fault: SettingsFault, size: f64, random: &mut impl Rng) -> Stored {
-        let of_gain = |gain: f32| {
-            let values = SettingsValues {
-                gain,
-                ..SettingsValues::reference()
-            };
-            closed_loop::settings(rig).and_then(|_| {
-                Settings::new(values).map_err(|error| rig.bad_file(&error.to_string()))
-            })
-        };
-        let (Ok(old), Ok(new), Ok(reference)) = (of_gain(18.0), of_gain(19.0), of_gain(20.0))
-        else {
-            unreachable!("gains within their limits")
-        };
+    /// These settings.
+    pub fn new(values: &SettingsValues) -> Stored {
+        let settings = valid(*values);
         let mut sectors = [(); 2].map(|()| vec![0xFF_u8; 4 * SLOT_LEN]);
-        write(&mut sectors, &old, 1.0);
+        write(&mut sectors, &settings, 1.0);
+        Stored {
+            sectors,
+            allowed: [settings; 3],
+        }
+    }
+
+    /// What `fault` leaves of these, with another gain.
+    pub fn after(
+        values: &SettingsValues,
+        fault: SettingsFault,
+        size: f64,
+        random: &mut impl Rng,
+    ) -> Stored {
+        let of_gain = |gain: f32| SettingsValues { gain, ..*values };
+        let old = valid(of_gain(18.0));
+        let new = valid(of_gain(19.0));
+        let reference = valid(SettingsValues::reference());
+        let Stored { mut sectors, .. } = Stored::new(old.values());
         match fault {
             SettingsFault::Erased => sectors[0].fill(0xFF),
             SettingsFault::HalfWritten => write(&mut sectors, &new, size),
@@ -178,6 +191,14 @@ impl Stored {
         let found = store::load([&self.sectors[0], &self.sectors[1]]);
         let found = found.ok().flatten().unwrap_or(reference);
         (found, [old, new, reference].contains(&found))
+    }
+}
+
+/// What a case's board is given is within its limits.
+fn valid(values: SettingsValues) -> Settings {
+    match Settings::new(values) {
+        Ok(settings) => settings,
+        Err(error) => unreachable!("{error}"),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Random use for hours, and what must not come of it; `tests/board` includes this file too.
+//! Random use for hours, and what must not come of it; the emulated board's tests include this too.
 
 use hil_sim::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Ticker};
 use hil_sim::error::BadInput;

@@ -2,6 +2,7 @@
 //! programs run these, and tests/tests/fuzz_seeds.rs on the seeds that are kept.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
+use hil_sim::emulated::answer;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
 use model_core::device::{Device, Pins, Tick};
@@ -17,6 +18,7 @@ pub fn target(name: &str) -> Option<fn(&[u8])> {
     match name {
         "link" => Some(link),
         "mcap" => Some(mcap),
+        "pipe" => Some(pipe),
         "record" => Some(record),
         "rig" => Some(rig),
         "settings" => Some(settings),
@@ -133,6 +135,17 @@ pub fn record(bytes: &[u8]) {
 pub fn mcap(bytes: &[u8]) {
     if let Err(bad) = hil_sim::mcap::parse("record.mcap", bytes) {
         assert_eq!(bad.to_string().lines().count(), 1);
+    }
+}
+
+/// What the emulated board's program answers: its parts, nothing made up, or an error.
+pub fn pipe(bytes: &[u8]) {
+    let (mut rest, mut received) = (bytes, Vec::new());
+    while let Ok((passed, lines)) = answer(&mut rest, &mut received) {
+        assert!(!passed.is_zero());
+        // What does not decode is told by a character of three bytes.
+        let told: usize = lines.iter().map(String::len).sum();
+        assert!(received.len() + told <= 3 * bytes.len());
     }
 }
 

@@ -13,6 +13,7 @@ use hil_sim::faults::run::{run, settings, stored};
 use hil_sim::faults::unit::{Told, Unit};
 use model_core::device::{Device, Pins};
 use model_core::frame::Output;
+use model_core::link::Telemetry;
 use model_core::signal::{COUNT_MAX, DacCount};
 use std::collections::BTreeMap;
 
@@ -28,8 +29,11 @@ const SECTORS: [u32; 2] = [0x0804_0000, 0x0806_0000];
 const DEVICE: &str = "rtic_internal_local_resource_device";
 
 /// The board, a tick at a time.
-struct OnBoard {
-    rig: Rig,
+pub struct OnBoard {
+    /// It.
+    pub rig: Rig,
+    /// What it told in the last tick.
+    pub telemetry: Vec<Telemetry>,
     /// When it was reset, and so many ticks later.
     tick_ns: u64,
     held: bool,
@@ -37,14 +41,15 @@ struct OnBoard {
 }
 
 impl OnBoard {
-    fn new(case: &Case) -> Option<OnBoard> {
+    /// A board with nothing in its settings' sectors but what is stored there.
+    pub fn new(stored: Option<[Vec<u8>; 2]>) -> Option<OnBoard> {
         let mut rig = Rig::new()?;
-        let stored = stored(case).map(|stored| stored.sectors);
         for (sector, address) in stored.iter().flatten().zip(SECTORS) {
             rig.board.write_flash(address, sector);
         }
         Some(OnBoard {
             rig,
+            telemetry: Vec::new(),
             tick_ns: 0,
             held: false,
             output: Output::default(),
@@ -86,7 +91,8 @@ impl Unit for OnBoard {
         let told_ns = (CONVERTED_NS + late_ns + TOLD_NS).min(TICK_NS + CONVERTED_NS - MS / 5);
         board.run_until(self.tick_ns + told_ns);
         self.tick_ns += TICK_NS;
-        if let Some(telemetry) = self.rig.telemetry().last() {
+        self.telemetry = self.rig.telemetry();
+        if let Some(telemetry) = self.telemetry.last() {
             self.output = telemetry.output;
         }
         let scale = self.rig.board.dac_volts(1) / 3.3;
@@ -129,7 +135,8 @@ fn faults_end_on_the_board_as_they_do_on_the_pc() {
     for number in 0..cases {
         let case = Case::new(2, number);
         let (settings, _) = settings(&case).expect("the reference rig is a board's");
-        let mut board = OnBoard::new(&case).expect("the firmware is there");
+        let stored = stored(&case).map(|stored| stored.sectors);
+        let mut board = OnBoard::new(stored).expect("the firmware is there");
         let there = run(&case, &settings, &mut board, |_| {}).expect("it runs");
         *kinds.entry(case.kind.name).or_insert(0) += 1;
         // Where a random bit flips is not the same here; all else is.
@@ -137,7 +144,7 @@ fn faults_end_on_the_board_as_they_do_on_the_pc() {
             let weight = there
                 .outside
                 .iter()
-                .find(|what| !what.starts_with("reason"));
+                .find(|bound| !bound.starts_with("reason"));
             assert_eq!(weight, None, "case {number}: {there:?}");
             continue;
         }

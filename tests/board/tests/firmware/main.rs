@@ -11,4 +11,5 @@ mod link;
 mod pins;
 mod rig;
 mod settings;
+mod soak;
 mod timing;
