@@ -29,9 +29,6 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const TEXT_CONTRAST: f64 = 4.5;
 const LINE_CONTRAST: f64 = 3.0;
 
-/// The reference rig's file.
-const REFERENCE: &str = include_str!("../../hil-sim/src/reference_rig.toml");
-
 /// What several tests ask of the page.
 const HELPERS: &str = r#"
 const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
@@ -327,7 +324,7 @@ fn chromium() -> Option<PathBuf> {
 fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
     let nominal = Rig::reference();
     let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 8e-9\n";
-    let text = format!("{REFERENCE}\n{leak}");
+    let text = format!("{}\n{leak}", Rig::REFERENCE_TOML);
     let leaking = Rig::parse("rig.toml", &text).expect("a rig");
     let record = |seed: u64| {
         let time_s: Vec<f64> = (0..800).map(|row| f64::from(row) * 0.01).collect();
@@ -362,7 +359,10 @@ fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
     let validate = vec![record(1)];
     let diagnosed = diagnose(&nominal, &[record(0)], &validate, &without, &|_| ());
     let diagnosed = diagnosed.expect("a diagnosis");
-    let fitted = diagnosed.fitted.rewritten(REFERENCE).expect("TOML");
+    let fitted = diagnosed
+        .fitted
+        .rewritten(Rig::REFERENCE_TOML)
+        .expect("TOML");
     (diagnosed, validate, fitted)
 }
 

@@ -31,7 +31,8 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
             source: "One relaxation of the pressure, which acts through the braid, its size at a \
-                     step of 300 kPa without contraction; Tondu 2012. Leaves out the decades a rubber's relaxation spans.",
+                     step of 300 kPa without contraction; Tondu 2012. Leaves out the decades a \
+                     rubber's relaxation spans.",
             build: |values| relaxations(vec![(values[0], values[1])], BY_PRESSURE),
         },
         Form {

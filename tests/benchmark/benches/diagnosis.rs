@@ -81,9 +81,8 @@ fn hidden(kind: Kind, repeats: usize) -> Timed {
 
 /// A record of the reference rig with a leak, its reference new every 0.7 s.
 fn leaking(length_s: u32, seed: u64) -> Record {
-    let rig = include_str!("../../../hil-sim/src/reference_rig.toml");
     let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 8e-9\n";
-    let rig = Rig::parse("rig.toml", &format!("{rig}\n{leak}")).expect("a rig");
+    let rig = Rig::parse("rig.toml", &format!("{}\n{leak}", Rig::REFERENCE_TOML)).expect("a rig");
     let mut random = Pcg64::seed_from_u64(seed);
     let rows = 100 * length_s as usize;
     let level = Uniform::new(2.6e5, 4.0e5).expect("a range");

@@ -1,8 +1,8 @@
 //! What an effect would explain in another form than its own.
 //!
 //! No rig has a form of the catalogue exactly. What an effect leaves as its form is another's must
-//! not be taken for a second effect, so the first is allowed to differ: in proportion to what stands
-//! beside the residuals, or as part of it acts at another scale.
+//! not be taken for a second effect, so the first is allowed to differ: in proportion to what
+//! stands beside the residuals, or as part of it acts at another scale.
 
 use super::super::least_squares::{Linearized, Problem as _, Slopes, at};
 use super::{Active, Engine, Found, Hypothesis, Model, Problem, START_FACTOR, change};
