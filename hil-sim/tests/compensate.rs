@@ -126,7 +126,7 @@ fn nearest(name: &str, hidden: &Value) -> String {
             let mean: f64 = (0..4).map(|i| of("share", i) * of("reach", i)).sum();
             // Of elements spread evenly up to the reach the mean is half of it.
             format!(
-                "force_n = {:?}\nreach = {:?}",
+                "force_n = {:?}\nreach = {:?}\nspread = 1.0",
                 number("half_width_n"),
                 2.0 * mean
             )
