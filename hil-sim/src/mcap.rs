@@ -6,7 +6,7 @@ use crate::output::NotWritten;
 use crate::record::{Record, TIME_S};
 use crate::recorder::{COLUMNS, Cell};
 use mcap::parse_record;
-use mcap::records::{MessageHeader, Record as McapRecord};
+use mcap::records::{MessageHeader, Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
@@ -141,12 +141,20 @@ fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
                 rest = later;
                 continue;
             }
-            Ok(LinearReadEvent::Record { data, opcode }) => parse_record(opcode, data),
+            // The crate panics at an attachment that is too short, and none is needed.
+            Ok(LinearReadEvent::Record { data, opcode }) => match opcode {
+                op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
+                _ => Ok(None),
+            },
             Err(error) => Err(error),
         };
         match record {
-            Ok(McapRecord::Channel(channel)) if channel.topic == TOPIC => channels.push(channel.id),
-            Ok(McapRecord::Message { header, data }) if channels.contains(&header.channel_id) => {
+            Ok(Some(McapRecord::Channel(channel))) if channel.topic == TOPIC => {
+                channels.push(channel.id)
+            }
+            Ok(Some(McapRecord::Message { header, data }))
+                if channels.contains(&header.channel_id) =>
+            {
                 messages.push(data.into_owned());
             }
             Ok(_) => {}

@@ -337,6 +337,14 @@ impl Record {
         }
     }
 
+    /// Takes a column out, if there is such a one.
+    pub fn remove(&mut self, name: &str) {
+        let other = |column: &Option<(String, Cells)>| {
+            column.as_ref().is_none_or(|(known, _)| known != name)
+        };
+        self.columns.retain(other);
+    }
+
     /// Bad input in the record as a whole.
     pub fn bad_file(&self, expected: &str) -> BadInput {
         BadInput::file(&self.file, expected)

@@ -41,7 +41,7 @@ fn a_healthy_rig_raises_no_alarm() {
         .iter()
         .flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
     let forms: Vec<_> = forms.collect();
-    assert!(forms.len() >= 45);
+    assert!(forms.len() >= 49);
     let cases = forms.par_iter().flat_map(|(kind, form)| {
         (0..4).into_par_iter().map(|number| {
             let mut case = Case::of(healthy, 5, number);

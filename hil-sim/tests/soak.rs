@@ -1,5 +1,5 @@
 //! Random use without end: no drift, no overflow, no fault. In full (overflows are checked):
-//! `SOAK_HOURS=24 cargo test --test soak -- --nocapture`.
+//! `SOAK_HOURS=24 cargo test -p hil-sim --test soak -- --nocapture`.
 
 #[path = "board/soak.rs"]
 mod soak;

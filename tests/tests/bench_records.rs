@@ -4,7 +4,7 @@
 use hil_sim::diagnose::choice::Verdict;
 use hil_sim::diagnose::{Diagnosis, diagnose};
 use hil_sim::effects::CATALOGUE;
-use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
@@ -107,6 +107,11 @@ fn rig(sigma: f64) -> Rig {
 
 /// Diagnosed from runs at three lengths, with one more held out.
 fn diagnosed(bench: Bench, run: Run, sigma: f64) -> Diagnosis {
+    diagnosed_as(bench, run, sigma, |record| record)
+}
+
+/// The same from records as `seen`.
+fn diagnosed_as(bench: Bench, run: Run, sigma: f64, seen: fn(Record) -> Record) -> Diagnosis {
     // The program is not optimised here: few effects, one or two of each kind.
     const FEW: [&str; 6] = [
         "hysteresis",
@@ -124,7 +129,7 @@ fn diagnosed(bench: Bench, run: Run, sigma: f64) -> Diagnosis {
             contraction,
             ..run
         };
-        record(bench, run)
+        seen(record(bench, run))
     };
     let fit: Vec<Record> = [(1, 0.0), (2, 0.05), (3, 0.12)].map(at).into();
     let validate = vec![at((4, 0.08))];
@@ -149,6 +154,25 @@ const RAMPS_10_HZ: Run = Run {
 
 fn names(diagnosis: &Diagnosis) -> Vec<&str> {
     diagnosis.effects.iter().map(|effect| effect.name).collect()
+}
+
+/// A cell without a sample, and what the valve was told where the rig has none.
+#[test]
+fn what_is_missing_or_not_needed_does_no_harm() {
+    let seen = |mut record: Record| {
+        let pressure_pa = record.require(PRESSURE_PA).expect("a column").to_vec();
+        record.set(PRESSURE_REF_PA, pressure_pa);
+        let mut contraction = record.require(CONTRACTION).expect("a column").to_vec();
+        contraction[200] = f64::NAN;
+        record.set(CONTRACTION, contraction);
+        record
+    };
+    let bench = Bench {
+        dead_pa: 3e4,
+        ..Bench::default()
+    };
+    let diagnosis = diagnosed_as(bench, RAMPS_10_HZ, 0.05, seen);
+    assert_eq!(names(&diagnosis), ["dead-band"]);
 }
 
 #[test]

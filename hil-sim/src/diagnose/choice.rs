@@ -83,6 +83,16 @@ pub struct Choice {
     pub tried: Vec<Hypothesis>,
 }
 
+impl Choice {
+    /// What the rig is taken to be: the best set, unless it leaves too much to be named.
+    pub fn taken(&self) -> &Hypothesis {
+        match self.verdict {
+            Verdict::Unexplained => &self.null,
+            Verdict::Consistent | Verdict::Explained => &self.best,
+        }
+    }
+}
+
 /// What a block has above its noise: cost of fitted and predicted residuals.
 fn excess_of(fit: &Fit, block: usize) -> f64 {
     let parts = fit.parts.iter().filter(|part| part.block == block);
@@ -544,13 +554,8 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         (false, _) if share >= SHARE => Verdict::Explained,
         _ => Verdict::Unexplained,
     };
-    let rest = if verdict == Verdict::Explained {
-        &best
-    } else {
-        &null
-    };
     let left = (0..engine.model.blocks().len()).filter(|block| {
-        verdict == Verdict::Unexplained && excess_of(&rest.fit, *block) > 0.1 * above
+        verdict == Verdict::Unexplained && excess_of(&null.fit, *block) > 0.1 * above
     });
     Some(Choice {
         verdict,

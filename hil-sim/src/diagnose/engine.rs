@@ -338,9 +338,7 @@ impl<'a, M: Model> Problem<'a, M> {
         let mut parts: Vec<Part> = self.blocks.iter().map(part).collect();
         for record in 0..self.model.records() {
             for part in &mut parts {
-                let residuals = self
-                    .model
-                    .residuals(record, part.block, &nominal, &effects)?;
+                let residuals = self.piece(&found.x, (record, part.block))?;
                 if record < self.model.fitted() {
                     part.fitted += tally(&residuals);
                 } else {

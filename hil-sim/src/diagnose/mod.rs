@@ -15,7 +15,7 @@ use crate::effects;
 use crate::error::BadInput;
 use crate::gap;
 use crate::plant::simulation::TOLERANCE;
-use crate::record::Record;
+use crate::record::{PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use crate::simulate::{simulate, simulated};
 use choice::{Choice, Step, Verdict, Watch, choose};
@@ -194,6 +194,17 @@ impl Clock {
     }
 }
 
+/// `records` as they drive `rig`: without a valve a reference drives nothing.
+fn driven(rig: &Rig, records: &[Record]) -> Vec<Record> {
+    let mut records = records.to_vec();
+    if rig.valve.is_none() {
+        for record in &mut records {
+            record.remove(PRESSURE_REF_PA);
+        }
+    }
+    records
+}
+
 /// Diagnoses `rig` from records to `fit`, judged by records to `validate`; effects named in
 /// `without` are left out of the catalogue, and `watch` is told what is being done.
 ///
@@ -211,17 +222,15 @@ pub fn diagnose(
         stages: Vec::new(),
     };
     watch(Step::Stage("data and noise", 0));
+    let [fit, validate] = [fit, validate].map(|records| driven(rig, records));
+    let (fit, validate) = (&fit[..], &validate[..]);
     let model = MuscleModel::new(rig, fit, validate, without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
     let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
-    let taken = if choice.verdict == Verdict::Unexplained {
-        &choice.null
-    } else {
-        &choice.best
-    };
+    let taken = choice.taken();
     let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
     watch(Step::Stage("intervals and free runs", 0));
     let effects = named(&engine, &choice, taken);

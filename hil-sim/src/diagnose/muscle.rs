@@ -480,10 +480,10 @@ impl MuscleModel {
     }
 }
 
-/// `record` with no more rows than the fastest effects ask for. On a bench, where the pressure is
+/// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
 /// an input, rows in which nothing has changed are rarer; with a reference there is one where that
 /// changes. A cell without a sample has the next one before the next such row.
-fn thinned(record: &Record, noise: &Noise) -> Record {
+fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let time_s = record.time_s();
     let reference_pa = record.column(PRESSURE_REF_PA);
     let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
@@ -503,6 +503,8 @@ fn thinned(record: &Record, noise: &Noise) -> Record {
                 time_s[row] >= time_s[last] + PERIOD_S || own != before && !own.is_nan()
             }
             None if time_s[row] < time_s[last] + PERIOD_S => false,
+            // A weight's balance at rest bounds its static friction.
+            None if !bench => true,
             None => {
                 let changed = changes(last, row);
                 // What comes at once is not spread over the time before it.
@@ -608,7 +610,7 @@ impl Prepared {
             force_n: of(FORCE_N).max(1e-3),
         };
         let warnings = checked.warnings.iter().map(ToString::to_string).collect();
-        let record = &thinned(record, &noise);
+        let record = &thinned(record, &noise, rig.load == Load::Prescribed);
         let contraction = record.require(CONTRACTION)?;
         let mut prepared = Prepared {
             gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
@@ -671,6 +673,7 @@ impl Prepared {
     /// How well the force is known in each row that is compared: by its noise and the pressure's.
     fn weigh_forces(&mut self, rig: &Rig, record: &Record, repeatability_n: f64) {
         let contraction = record.column(CONTRACTION).unwrap_or_default();
+        self.force_rows.retain(|row| !contraction[*row].is_nan());
         if let Some(pressure_pa) = record.column(PRESSURE_PA) {
             let span = self.pressure_span;
             // The muscle's own pressure is not known there.

@@ -522,7 +522,7 @@ pub const KINDS: &[Kind] = &[
         Controller,
         None,
     ),
-    // V/(RθC) of the smallest hole and the largest muscle is 0.33 s, and the air cools besides.
+    // Twice V/(RθC) of the smallest hole and the largest muscle, which is 0.33 s.
     kind(
         "hose off",
         HoseOff,

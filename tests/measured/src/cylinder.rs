@@ -244,14 +244,13 @@ fn outcome(
                 .flat_map(|run| run.force_n.iter().copied()),
         ),
         calibrated: left(&choice.null.fit),
-        after: left(&choice.best.fit),
+        after: left(&choice.taken().fit),
         noise: noise_n,
         next_experiment: "Drive at three speeds and at no pressure: what stays is the seal's own."
             .into(),
         spent_s: begin.elapsed().as_secs_f64(),
         ..Outcome::default()
     };
-    outcome.nominal = outcome.calibrated;
     outcome.chosen(&model, &choice, &PUBLISHED);
     Ok(outcome)
 }

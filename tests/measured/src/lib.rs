@@ -31,10 +31,8 @@ pub struct Outcome {
     pub unit: &'static str,
     /// Largest less smallest value of it, held out.
     pub range: f64,
-    /// What the model alone misses on held-out records, root mean square: with its values as given,
-    /// and calibrated to the fitted records.
-    pub nominal: f64,
-    /// See `nominal`.
+    /// What the model alone misses on held-out records, root mean square, calibrated to the fitted
+    /// records.
     pub calibrated: f64,
     /// What it misses with the named effects.
     pub after: f64,

@@ -216,7 +216,6 @@ impl Set {
             signal: FORCE_N,
             unit: "N",
             range: range_n,
-            nominal: gap.before,
             calibrated: gap_alone.after,
             after: gap.after,
             noise: gap.noise,

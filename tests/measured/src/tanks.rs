@@ -205,13 +205,12 @@ fn outcome(folder: &Path) -> Result<Outcome, BadInput> {
         unit: "V",
         range: range(model.level_v[model.half(1)].iter().copied()),
         calibrated: left(&choice.null.fit),
-        after: left(&choice.best.fit),
+        after: left(&choice.taken().fit),
         noise: model.noise_v,
         next_experiment: "Fill the upper tank until it runs over, with its level measured.".into(),
         spent_s: begin.elapsed().as_secs_f64(),
         ..Outcome::default()
     };
-    outcome.nominal = outcome.calibrated;
     outcome.chosen(&model, &choice, &[]);
     Ok(outcome)
 }
