@@ -14,7 +14,7 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -122,8 +122,15 @@ fn succeeded(output: Output) -> (serde_json::Value, String) {
     )
 }
 
+/// The tests keep real time: each has the cores for itself.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 #[test]
 fn a_recorder_that_is_killed_leaves_readable_files() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let board = Plugged::new(folder.path());
     let args = [
@@ -154,6 +161,7 @@ fn a_recorder_that_is_killed_leaves_readable_files() {
 
 #[test]
 fn the_plug_is_pulled_while_recording() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let board = Plugged::new(folder.path());
     let args = [
@@ -187,6 +195,7 @@ fn the_plug_is_pulled_while_recording() {
 
 #[test]
 fn the_plug_is_pulled_with_hardware_in_the_loop() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let board = Plugged::new(folder.path());
     std::fs::write(
@@ -226,6 +235,7 @@ fn the_plug_is_pulled_with_hardware_in_the_loop() {
 /// The board in memory has no muscle: its pressure stays where it is, which this drive's may too.
 #[test]
 fn an_experiment_is_played_where_the_board_allows_it() {
+    let _alone = alone();
     let folder = tempfile::tempdir().unwrap();
     let board = Plugged::new(folder.path());
     let drive = "time_s,pressure_ref_pa\n0,0\n0.5,20000\n1,10000\n1.5,0\n";
