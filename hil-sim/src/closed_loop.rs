@@ -374,13 +374,7 @@ pub fn run_with<T: Ticker>(
         initial_length_m: rig.muscle.initial_length_m,
         arm_stiffness_n_per_m: experiment.arm_stiffness_n_per_m,
     };
-    let initial = Initial {
-        time_s: 0.0,
-        contraction: 0.0,
-        contraction_rate_per_s: 0.0,
-        pressure: GaugePa(0.0),
-        temperature_k: plant.ambient_temperature_k,
-    };
+    let initial = Initial::vented(&plant);
     let mut drive = Drive::default();
     let mut simulation = Simulation::new(plant, &initial, &drive, experiment.tolerance);
     let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);

@@ -210,8 +210,7 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// The sets of `members` that lead.
     fn leaders(&self, null: &Hypothesis, members: usize) -> Vec<Vec<usize>> {
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        let mut leaders = self.distinct(of_size.map(|h| h.candidates.clone()), LEADERS[0]);
+        let mut leaders = self.leading(members, LEADERS[0]);
         if members > 1 {
             leaders.truncate(1);
             return leaders;
@@ -272,13 +271,17 @@ impl<M: Model> Search<'_, '_, M> {
         sets
     }
 
+    /// The sets of `members` that cost least, with different names.
+    fn leading(&self, members: usize, count: usize) -> Vec<Vec<usize>> {
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        self.distinct(of_size.map(|h| h.candidates.clone()), count)
+    }
+
     /// The leading sets with one member each time in another form of the same effect.
     fn variants(&self, members: usize) -> Vec<Vec<usize>> {
         let all = self.engine.model.candidates();
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        let leading = self.distinct(of_size.map(|h| h.candidates.clone()), VARIED);
         let mut variants = Vec::new();
-        for set in leading {
+        for set in self.leading(members, VARIED) {
             for (place, own) in set.iter().enumerate() {
                 for other in 0..all.len() {
                     let mut variant = set.clone();
@@ -296,18 +299,15 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// What is left of the leading sets without one of their members.
     fn subsets(&self, members: usize) -> Vec<Vec<usize>> {
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        let leading = self.distinct(of_size.map(|h| h.candidates.clone()), VARIED);
         let mut subsets = Vec::new();
-        for (set, place) in leading
-            .iter()
-            .flat_map(|set| (0..members).map(move |p| (set, p)))
-        {
-            let mut subset = set.clone();
-            subset.remove(place);
-            let known = self.tried.iter().any(|h| h.candidates == subset);
-            if !known && !subsets.contains(&subset) {
-                subsets.push(subset);
+        for set in self.leading(members, VARIED) {
+            for place in 0..members {
+                let mut subset = set.clone();
+                subset.remove(place);
+                let known = self.tried.iter().any(|h| h.candidates == subset);
+                if !known && !subsets.contains(&subset) {
+                    subsets.push(subset);
+                }
             }
         }
         subsets
@@ -413,19 +413,18 @@ impl<M: Model> Search<'_, '_, M> {
     fn asked(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> f64 {
         let all = self.engine.model.candidates();
         let blocks = &all[hypothesis.candidates[place]].blocks;
-        let parts = |h: &Hypothesis| h.fit.parts.clone().into_iter();
-        let own = |part: &Part| blocks.contains(&part.block);
+        let own = |part: &&Part| blocks.contains(&part.block);
         // The noise, and how the model is solved, are not known better.
-        let doubt = |part: Part| self.engine.model.doubt_of_noise(part.block);
-        let noise = parts(hypothesis).filter(own);
+        let doubt = |part: &Part| self.engine.model.doubt_of_noise(part.block);
+        let noise = hypothesis.fit.parts.iter().filter(own);
         let noise = noise.map(|part| doubt(part) * 0.5 * part.total().count as f64);
         // Only what is fitted to the same residuals takes up what another's form leaves.
-        let beside = |part: &Part| {
+        let beside = |part: &&Part| {
             let mut others = without.candidates.iter();
             own(part) && others.any(|other| all[*other].blocks.contains(&part.block))
         };
         let cost = |h: &Hypothesis| -> f64 {
-            let parts = parts(h).filter(beside);
+            let parts = h.fit.parts.iter().filter(beside);
             parts.map(|part| part.total().cost).sum()
         };
         let null = self.tried.iter().find(|h| h.candidates.is_empty());

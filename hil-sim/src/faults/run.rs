@@ -160,13 +160,7 @@ struct Scene<'a> {
 impl<'a> Scene<'a> {
     fn new(case: &'a Case, values: &'a SettingsValues) -> Result<Scene<'a>, BadInput> {
         let plant = plant(case)?;
-        let initial = Initial {
-            time_s: 0.0,
-            contraction: 0.0,
-            contraction_rate_per_s: 0.0,
-            pressure: GaugePa(0.0),
-            temperature_k: plant.ambient_temperature_k,
-        };
+        let initial = Initial::vented(&plant);
         let drive = Drive::default();
         let tolerance = Experiment::PAPER.tolerance;
         Ok(Scene {

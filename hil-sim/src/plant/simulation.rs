@@ -94,6 +94,19 @@ pub struct Initial {
     pub temperature_k: f64,
 }
 
+impl Initial {
+    /// At time 0: `plant` at rest on its stop, its muscle vented, its gas at ambient temperature.
+    pub fn vented(plant: &Plant) -> Initial {
+        Initial {
+            time_s: 0.0,
+            contraction: 0.0,
+            contraction_rate_per_s: 0.0,
+            pressure: GaugePa(0.0),
+            temperature_k: plant.ambient_temperature_k,
+        }
+    }
+}
+
 /// What the integrator did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Work {

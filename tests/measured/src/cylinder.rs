@@ -3,7 +3,7 @@
 //! The law is F = A P on the rod; the engine of the diagnosis gets it with a catalogue of its own,
 //! as the muscle's does not hold here.
 
-use crate::{Outcome, held_out, noise_of, parameter, range, set_of};
+use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
 use hil_sim::diagnose::choice::choose;
 use hil_sim::diagnose::engine::{Active, Candidate, Coordinate, Engine, Model};
 use hil_sim::diagnose::least_squares::Residuals;
@@ -89,12 +89,6 @@ fn catalogue() -> Vec<Candidate> {
             vec![parameter("offset_pa", "Pa", (-1e5, 1e5), 5e3)],
         ),
     ];
-    let candidate = |(effect, form, parameters)| Candidate {
-        effect,
-        form,
-        parameters,
-        blocks: vec![0],
-    };
     all.into_iter().map(candidate).collect()
 }
 

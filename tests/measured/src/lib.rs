@@ -11,7 +11,7 @@ pub mod report;
 pub mod tanks;
 
 use hil_sim::diagnose::choice::{Choice, Verdict};
-use hil_sim::diagnose::engine::Model;
+use hil_sim::diagnose::engine::{Candidate, Model, Parameter};
 use hil_sim::report::Plot;
 use serde::Serialize;
 use std::path::Path;
@@ -165,14 +165,21 @@ fn range(values: impl Iterator<Item = f64>) -> f64 {
     all.1 - all.0
 }
 
+/// An effect of a model that has one block.
+fn candidate(
+    (effect, form, parameters): (&'static str, &'static str, Vec<Parameter>),
+) -> Candidate {
+    Candidate {
+        effect,
+        form,
+        parameters,
+        blocks: vec![0],
+    }
+}
+
 /// A parameter whose usual size is given.
-fn parameter(
-    name: &'static str,
-    unit: &'static str,
-    range: (f64, f64),
-    usual: f64,
-) -> hil_sim::diagnose::engine::Parameter {
-    hil_sim::diagnose::engine::Parameter {
+fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f64) -> Parameter {
+    Parameter {
         name,
         unit,
         range,

@@ -4,7 +4,7 @@
 //! h1' = k4 u − k1 √h1, h2' = k2 √h1 − k3 √h2 in volts of the level sensor (Torricelli). Of one
 //! record, the first half is fitted, the second predicted by the same run from its begin.
 
-use crate::{Outcome, held_out, noise_of, parameter, range, set_of};
+use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
 use hil_sim::diagnose::choice::choose;
 use hil_sim::diagnose::engine::{Active, Candidate, Coordinate, Engine, Model};
 use hil_sim::diagnose::least_squares::Residuals;
@@ -59,12 +59,6 @@ fn catalogue() -> Vec<Candidate> {
             vec![parameter("per_s", "1/s", (0.0, 0.1), 2e-3)],
         ),
     ];
-    let candidate = |(effect, form, parameters)| Candidate {
-        effect,
-        form,
-        parameters,
-        blocks: vec![0],
-    };
     all.into_iter().map(candidate).collect()
 }
 
