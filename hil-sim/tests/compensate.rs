@@ -126,22 +126,23 @@ fn nearest(name: &str, hidden: &Value) -> String {
             let mean: f64 = (0..4).map(|i| of("share", i) * of("reach", i)).sum();
             // Of elements spread evenly up to the reach the mean is half of it.
             format!(
-                "force_n = {:?}\nreach = {:?}\nspread = 1.0",
+                "force_n = {:?}\nreach = {:?}\nspread = 1.0\nbase_share = 0.0",
                 number("half_width_n"),
                 2.0 * mean
             )
         }
         "hysteresis" if hidden["sharpness"].is_number() => format!(
-            "form = \"bouc-wen\"\nforce_n = {:?}\nreach = {:?}\nsharpness = {:?}",
+            "form = \"bouc-wen\"\nforce_n = {:?}\nreach = {:?}\nsharpness = {:?}\nbase_share = 0.0",
             number("half_width_n"),
             number("reach"),
             number("sharpness").max(1.0)
         ),
         "hysteresis" => format!(
-            "form = \"duhem\"\nforce_n = {:?}\nreach = {:?}\nasymmetry = {:?}",
+            "form = \"duhem\"\nforce_n = {:?}\nreach = {:?}\nasymmetry = {:?}\nbase_share = {:?}",
             number("half_width_n"),
             number("reach_in"),
-            number("height_out")
+            number("height_out"),
+            number("share_at_zero")
         ),
         "friction" => format!("force_n = {:?}", number("coulomb_n")),
         "payload" => format!("mass_kg = {:?}", number("mass_kg")),

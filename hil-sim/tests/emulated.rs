@@ -93,7 +93,7 @@ fn an_experiment_is_played_on_the_firmware() {
     let folder = tempfile::tempdir().expect("a folder");
     let rig = include_str!("../src/reference_rig.toml").to_owned();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nforce_n = 20.0\n\
-                  reach = 0.02\nspread = 1.0\n";
+                  reach = 0.02\nspread = 1.0\nbase_share = 0.0\n";
     std::fs::write(folder.path().join("hidden.toml"), rig + hidden).expect("written");
     let drive = [
         "--rig",
@@ -136,7 +136,7 @@ fn what_a_record_of_the_firmware_tells_makes_it_better() {
     let path = folder.path();
     let nominal = include_str!("../src/reference_rig.toml").to_owned();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 20.0\n\
-         reach = 0.015\nsharpness = 1.5\n";
+         reach = 0.015\nsharpness = 1.5\nbase_share = 0.0\n";
     std::fs::write(path.join("nominal.toml"), &nominal).expect("written");
     std::fs::write(path.join("hidden.toml"), nominal + hidden).expect("written");
     let run = |words: &str| json(path, &words.split(' ').collect::<Vec<_>>());

@@ -151,6 +151,7 @@ fn catalogue() -> Vec<Candidate> {
             range,
             usual,
             log,
+            neutral: (!log).then_some(0.0),
         }],
         blocks: vec![block],
     };

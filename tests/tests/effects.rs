@@ -303,11 +303,13 @@ const STROKES: [(f64, f64); 6] = [
 ];
 
 fn hysteresis(form: &str, third: (&str, f64)) -> String {
-    effect(
-        "hysteresis",
-        form,
-        &[("force_n", 20.0), ("reach", REACH), third],
-    )
+    with_base(form, third, 0.0)
+}
+
+fn with_base(form: &str, third: (&str, f64), base_share: f64) -> String {
+    let base = ("base_share", base_share);
+    let parameters = [("force_n", 20.0), ("reach", REACH), third, base];
+    effect("hysteresis", form, &parameters)
 }
 
 fn hystereses() -> [String; 3] {
@@ -348,6 +350,24 @@ fn hysteresis_opposes_the_motion_in_proportion_to_pressure() {
         assert_near(high_n[100], -20.0, 0.2, &effect);
         let asymmetry = if effect.contains("duhem") { 1.5 } else { 1.0 };
         assert_near(high_n[200], 20.0 * asymmetry, 6.0, &effect);
+    }
+}
+
+/// At pressure p it is s + (1 − s) · p / 300 kPa of what it is at 300 kPa.
+#[test]
+fn a_share_of_the_hysteresis_is_there_without_pressure() {
+    for (form, third) in [
+        ("maxwell-slip", ("spread", 1.0)),
+        ("bouc-wen", ("sharpness", 2.0)),
+        ("duhem", ("asymmetry", 1.5)),
+    ] {
+        let at = |pressure_pa: f64, base_share: f64| {
+            let record = bench(STEP_S, 401, through(STROKES), |_| pressure_pa);
+            added_n(&with_base(form, third, base_share), &record)
+        };
+        let (with, without) = (at(1e5, 0.3), at(3e5, 0.0));
+        let expected: Vec<f64> = without.iter().map(|n| n * (0.3 + 0.7 / 3.0)).collect();
+        assert!(apart(&with, &expected) < 1e-5, "{form}");
     }
 }
 

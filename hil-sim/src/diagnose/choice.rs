@@ -313,16 +313,12 @@ impl<M: Model> Search<'_, '_, M> {
         subsets
     }
 
-    /// Whether every size of an effect is at the bound where it does nothing.
+    /// Whether an effect does nothing with its values.
     fn vanishes(&self, (candidate, values): &Active) -> bool {
         let parameters = &self.engine.model.candidates()[*candidate].parameters;
-        let sizes = || {
-            parameters
-                .iter()
-                .zip(values)
-                .filter(|(p, _)| !p.log && p.range.0 == 0.0)
-        };
-        sizes().next().is_some() && sizes().all(|(p, value)| *value < NOTHING * p.usual)
+        let pairs = parameters.iter().zip(values);
+        let sizes = || pairs.clone().filter_map(|(p, v)| Some((p, v - p.neutral?)));
+        sizes().next().is_some() && sizes().all(|(p, size)| size.abs() < NOTHING * p.usual.abs())
     }
 
     /// Whether each member of `hypothesis` is needed.

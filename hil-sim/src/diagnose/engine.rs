@@ -28,6 +28,8 @@ pub struct Parameter {
     pub usual: f64,
     /// Fitted by its logarithm.
     pub log: bool,
+    /// Its value where it does nothing, if there is one.
+    pub neutral: Option<f64>,
 }
 
 impl Parameter {

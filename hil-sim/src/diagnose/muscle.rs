@@ -369,6 +369,7 @@ impl MuscleModel {
                     range: (p.min, p.max),
                     usual: p.usual,
                     log: p.log,
+                    neutral: p.neutral,
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),

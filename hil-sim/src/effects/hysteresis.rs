@@ -1,7 +1,8 @@
 //! `hysteresis`: braid and bladder rub, so that the force depends on where the last reversal was.
 //!
 //! All forms are rate-independent and oppose the motion: the muscle pulls less while it contracts
-//! than while it pays out, in proportion to its pressure, which presses the threads together.
+//! than while it pays out. Most of it is in proportion to the pressure, which presses the threads
+//! together; the rubber's own share is there without any.
 
 use super::{EffectKind, Form, Parameter, REFERENCE_PRESSURE_PA};
 use crate::plant::Term;
@@ -11,6 +12,7 @@ use model_core::muscle::Muscle;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 20.0).neutral(0.0);
 const REACH: Parameter = Parameter::new("reach", "1", (1e-4, 0.5), 0.02).log();
+const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 1.0), 0.2);
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "hysteresis",
@@ -27,15 +29,16 @@ pub(super) const KIND: EffectKind = EffectKind {
                 FORCE_N,
                 REACH,
                 Parameter::new("spread", "1", (0.3, 6.0), 1.0).log(),
+                BASE_SHARE,
             ],
-            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, in \
-                     proportion to pressure, half the loop's width at 300 kPa as its size; the \
+            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, \
+                     half the loop's width at 300 kPa as its size; the \
                      thresholds grow up to the reach with a power, 1 spreads them evenly; Shin & \
                      Kogiso 2020, Tondu 2012. Leaves out loops that are wider one way than the \
                      other.",
             build: |values| {
                 Term::Muscle(Box::new(MaxwellSlip {
-                    force_n: values[0],
+                    size: Size::new(values),
                     reach: values[1],
                     spread: values[2],
                 }))
@@ -47,12 +50,13 @@ pub(super) const KIND: EffectKind = EffectKind {
                 FORCE_N,
                 REACH,
                 Parameter::new("sharpness", "1", (1.0, 10.0), 2.0).log(),
+                BASE_SHARE,
             ],
-            source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976), in proportion \
-                     to pressure. Leaves out closed minor loops: a small one drifts.",
+            source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976). \
+                     Leaves out closed minor loops: a small one drifts.",
             build: |values| {
                 Term::Muscle(Box::new(BoucWen {
-                    force_n: values[0],
+                    size: Size::new(values),
                     reach: values[1],
                     sharpness: values[2],
                 }))
@@ -64,13 +68,14 @@ pub(super) const KIND: EffectKind = EffectKind {
                 FORCE_N,
                 REACH,
                 Parameter::new("asymmetry", "1", (0.2, 5.0), 1.5).log(),
+                BASE_SHARE,
             ],
             source: "Duhem of first order (Dahl where the asymmetry is 1): the force approaches \
                      its bound exponentially with the way, the bound and the way of paying out \
                      larger by the asymmetry. Leaves out closed minor loops.",
             build: |values| {
                 Term::Muscle(Box::new(Duhem {
-                    force_n: values[0],
+                    size: Size::new(values),
                     reach: values[1],
                     asymmetry: values[2],
                 }))
@@ -79,9 +84,29 @@ pub(super) const KIND: EffectKind = EffectKind {
     ],
 };
 
-/// `force_n` less friction of relative size `share`, 1 when it opposes contracting in full.
-fn opposed(at: &MusclePoint, size_n: f64, share: f64, force_n: f64) -> f64 {
-    force_n - size_n * (at.pressure.0.max(0.0) / REFERENCE_PRESSURE_PA) * share
+/// How large the friction is, by the pressure.
+struct Size {
+    /// At 300 kPa \[N\].
+    force_n: f64,
+    /// Share of it at no pressure \[-\].
+    base_share: f64,
+}
+
+impl Size {
+    /// From the values of a form, whose first and last they are.
+    fn new(values: &[f64]) -> Size {
+        Size {
+            force_n: values[0],
+            base_share: values[values.len() - 1],
+        }
+    }
+
+    /// `force_n` less friction of relative size `share`, 1 when it opposes contracting in full.
+    fn opposing(&self, at: &MusclePoint, share: f64, force_n: f64) -> f64 {
+        let pressure = at.pressure.0.max(0.0) / REFERENCE_PRESSURE_PA;
+        let of_pressure = self.base_share + (1.0 - self.base_share) * pressure;
+        force_n - self.force_n * of_pressure * share
+    }
 }
 
 /// Elements of the sum: with fewer the corners between them show.
@@ -89,7 +114,7 @@ const ELEMENTS: usize = 6;
 
 /// Each element is a spring in series with a slider. The states are the sliders' places.
 struct MaxwellSlip {
-    force_n: f64,
+    size: Size,
     reach: f64,
     spread: f64,
 }
@@ -133,13 +158,13 @@ impl MuscleTerm for MaxwellSlip {
         let stretch = elements
             .map(|(slider, threshold)| ((at.contraction - slider) / threshold).clamp(-1.0, 1.0));
         let share = stretch.sum::<f64>() / ELEMENTS as f64;
-        opposed(at, self.force_n, share, force_n)
+        self.size.opposing(at, share, force_n)
     }
 }
 
 /// dz = dε/reach · (1 − |z|ⁿ) while z grows, dε/reach while it shrinks.
 struct BoucWen {
-    force_n: f64,
+    size: Size,
     reach: f64,
     sharpness: f64,
 }
@@ -182,13 +207,13 @@ impl Dynamics<MusclePoint> for BoucWen {
 
 impl MuscleTerm for BoucWen {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        opposed(at, self.force_n, state[0], force_n)
+        self.size.opposing(at, state[0], force_n)
     }
 }
 
 /// dz = dε/reach · (1 − z) contracting, dε/reach · (1 + z/asymmetry) paying out.
 struct Duhem {
-    force_n: f64,
+    size: Size,
     reach: f64,
     asymmetry: f64,
 }
@@ -219,6 +244,6 @@ impl Dynamics<MusclePoint> for Duhem {
 
 impl MuscleTerm for Duhem {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        opposed(at, self.force_n, state[0], force_n)
+        self.size.opposing(at, state[0], force_n)
     }
 }

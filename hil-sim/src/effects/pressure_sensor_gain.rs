@@ -1,6 +1,6 @@
 //! `pressure-sensor-gain`: the pressure sensor's span is off.
 
-use super::{EffectKind, Form, Parameter};
+use super::{EffectKind, Form, Parameter, REFERENCE_PRESSURE_PA};
 use crate::plant::Term;
 use crate::plant::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::plant::term::Dynamics;
@@ -11,26 +11,51 @@ pub(super) const KIND: EffectKind = EffectKind {
     mark: "The reading disagrees with force and contraction, which stay with the true pressure, \
            in proportion to the pressure.",
     experiment: "two known pressures from a gauge, far apart.",
-    forms: &[Form {
-        name: "proportional",
-        parameters: &[Parameter::new("gain_error", "1", (-0.4, 0.4), 0.02).neutral(0.0)],
-        source: "Reading = truth · (1 + error). Leaves out a characteristic that is not straight.",
-        build: |values| {
-            Term::Sensor(Box::new(PressureSensorGain {
-                gain_error: values[0],
-            }))
+    forms: &[
+        Form {
+            name: "proportional",
+            parameters: &[GAIN_ERROR],
+            source: "Reading = truth · (1 + error). Leaves out a characteristic that is not \
+                     straight.",
+            build: |values| {
+                Term::Sensor(Box::new(PressureSensorGain {
+                    gain_error: values[0],
+                    bend: 0.0,
+                }))
+            },
         },
-    }],
+        Form {
+            name: "quadratic",
+            parameters: &[
+                GAIN_ERROR,
+                Parameter::new("bend", "1", (-0.1, 0.1), 0.005).neutral(0.0),
+            ],
+            source: "Reading = truth · (1 + error + bend · truth / 300 kPa): with the \
+                     nonlinearity that data sheets of pressure sensors tell beside the gain \
+                     error. Leaves out what the sensor remembers.",
+            build: |values| {
+                Term::Sensor(Box::new(PressureSensorGain {
+                    gain_error: values[0],
+                    bend: values[1],
+                }))
+            },
+        },
+    ],
 };
+
+const GAIN_ERROR: Parameter = Parameter::new("gain_error", "1", (-0.4, 0.4), 0.02).neutral(0.0);
 
 struct PressureSensorGain {
     gain_error: f64,
+    bend: f64,
 }
 
 impl Dynamics<SensorPoint> for PressureSensorGain {}
 
 impl SensorTerm for PressureSensorGain {
     fn read(&self, at: &SensorPoint, _: &[f64], reading: &mut Reading) {
-        reading.pressure.0 += self.gain_error * at.truth.pressure.0;
+        let truth_pa = at.truth.pressure.0;
+        let error = self.gain_error + self.bend * truth_pa / REFERENCE_PRESSURE_PA;
+        reading.pressure.0 += truth_pa * error;
     }
 }

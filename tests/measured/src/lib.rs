@@ -185,5 +185,6 @@ fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f
         range,
         usual,
         log: false,
+        neutral: Some(0.0),
     }
 }
