@@ -122,13 +122,12 @@ fn nearest(name: &str, hidden: &Value) -> String {
     let number = |key: &str| hidden[key].as_f64().unwrap_or(0.0);
     let parameters = match name {
         "hysteresis" if hidden["share"].is_array() => {
-            let of = |key: &str, i: usize| hidden[key][i].as_f64().unwrap_or(0.0);
-            let mean: f64 = (0..4).map(|i| of("share", i) * of("reach", i)).sum();
-            // Of elements spread evenly up to the reach the mean is half of it.
+            let reach = |i: usize| hidden["reach"][i].as_f64().unwrap_or(0.0);
             format!(
-                "force_n = {:?}\nreach = {:?}\nspread = 1.0\nbase_share = 0.0",
+                "force_n = {:?}\nreach = {:?}\nspread = {:?}\nbase_share = 0.0",
                 number("half_width_n"),
-                2.0 * mean
+                (reach(0) * reach(3)).sqrt(),
+                reach(3) / reach(0)
             )
         }
         "hysteresis" if hidden["sharpness"].is_number() => format!(

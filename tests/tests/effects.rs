@@ -314,7 +314,7 @@ fn with_base(form: &str, third: (&str, f64), base_share: f64) -> String {
 
 fn hystereses() -> [String; 3] {
     [
-        hysteresis("maxwell-slip", ("spread", 1.0)),
+        hysteresis("maxwell-slip", ("spread", 2.0)),
         hysteresis("bouc-wen", ("sharpness", 2.0)),
         hysteresis("duhem", ("asymmetry", 1.5)),
     ]
@@ -357,7 +357,7 @@ fn hysteresis_opposes_the_motion_in_proportion_to_pressure() {
 #[test]
 fn a_share_of_the_hysteresis_is_there_without_pressure() {
     for (form, third) in [
-        ("maxwell-slip", ("spread", 1.0)),
+        ("maxwell-slip", ("spread", 2.0)),
         ("bouc-wen", ("sharpness", 2.0)),
         ("duhem", ("asymmetry", 1.5)),
     ] {
@@ -381,7 +381,7 @@ fn maxwell_slip_is_the_sum_of_its_elements_and_closes_minor_loops() {
         );
         for (row, added) in added.iter().enumerate().take(201).skip(101) {
             let way = 0.1 * (row - 100) as f64 * STEP_S;
-            let reach = |i: i32| REACH * ((f64::from(i) + 0.5) / 6.0).powf(spread);
+            let reach = |i: i32| REACH * f64::powf(spread, f64::from(i) / 5.0 - 0.5);
             let share = |i: i32| 1.0 - (way / reach(i)).min(2.0);
             let expected_n = -20.0 * (0..6).map(share).sum::<f64>() / 6.0;
             assert_near(*added, expected_n, 1e-6, "on the way out");

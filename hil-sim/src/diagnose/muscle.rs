@@ -583,11 +583,12 @@ impl Prepared {
         Cow::Owned(record)
     }
 
-    /// The least and the most force that the muscle can have, row by row \[N\].
-    fn forces_n(&self, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+    /// The least and the most force that the muscle can have, row by row \[N\], if it began with
+    /// such a memory.
+    fn forces_n(&self, rig: &Rig, memory: Option<f64>) -> Option<Vec<(f64, f64)>> {
         let play = play(rig);
         let of = |may: Option<f64>| {
-            let read = run(rig, &self.unplayed(play, &self.measured, may))?;
+            let read = run(rig, &self.unplayed(play, &self.measured, may), memory)?;
             Some(
                 read.into_iter()
                     .map(|(read, force_n)| (read.force_n, force_n)),
@@ -988,16 +989,39 @@ impl Model for MuscleModel {
         let rig = self.fitted(nominal, effects);
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
-            FORCE => force_residuals(record, rig),
-            _ => self.load_residuals(record, rig),
+            FORCE => remembering(&rig, |memory| force_residuals(record, rig.clone(), memory)),
+            LOAD if self.blocks.contains(&FORCE) => self.load_residuals(record, rig, None),
+            _ => remembering(&rig, |memory| {
+                self.load_residuals(record, rig.clone(), memory)
+            }),
         }
     }
 }
 
-/// Runs `rig` with a prescribed load on the inputs of `record`: what is read, and the true force.
-fn run(rig: &Rig, record: &Record) -> Option<Vec<(Reading, f64)>> {
+/// `residuals` of `rig` with the memory that fits best of those that a motion before the record may
+/// have left. They are taken to change in proportion to it.
+fn remembering(
+    rig: &Rig,
+    residuals: impl Fn(Option<f64>) -> Option<Residuals>,
+) -> Option<Residuals> {
+    let mut effects = rig.effects.iter();
+    let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
+        Term::Muscle(term) => term.remembers(),
+        _ => false,
+    });
+    if remembers {
+        Some(residuals(Some(-1.0))?.best_towards(&residuals(Some(1.0))?))
+    } else {
+        residuals(None)
+    }
+}
+
+/// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
+/// is read, and the true force.
+fn run(rig: &Rig, record: &Record, memory: Option<f64>) -> Option<Vec<(Reading, f64)>> {
     let inputs = Inputs::new(rig, record).ok()?;
-    let plant = Plant::new(rig, inputs.simulated).ok()?;
+    let mut plant = Plant::new(rig, inputs.simulated).ok()?;
+    plant.memory = memory;
     let first = |name: &str| {
         record
             .column(name)
@@ -1032,7 +1056,7 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let inputs = record.unplayed(play(&rig), record.gas.as_ref()?, None);
     let measured = inputs.column(PRESSURE_PA)?;
-    let read = run(&rig, &inputs)?;
+    let read = run(&rig, &inputs, None)?;
     let residual = |row: &usize| {
         let simulated_pa = record.pressure_span.read(read[*row].0.pressure.0);
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
@@ -1042,10 +1066,10 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     ))
 }
 
-fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+fn force_residuals(record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
-    let forces_n = record.forces_n(&rig)?;
+    let forces_n = record.forces_n(&rig, memory)?;
     // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
     // right because the sensor cannot tell.
     let most_n = record.force_span.most;
@@ -1065,10 +1089,15 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
 impl MuscleModel {
     /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
     /// where there is one.
-    fn loading_n(&self, record: &Prepared, rig: &mut Rig) -> Option<Vec<(f64, f64)>> {
+    fn loading_n(
+        &self,
+        record: &Prepared,
+        rig: &mut Rig,
+        memory: Option<f64>,
+    ) -> Option<Vec<(f64, f64)>> {
         if !self.blocks.contains(&FORCE) {
             rig.load = Load::Prescribed;
-            return record.forces_n(rig);
+            return record.forces_n(rig, memory);
         }
         let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
         let measured_n = record.measured.column(FORCE_N)?.iter();
@@ -1090,7 +1119,12 @@ impl MuscleModel {
     }
 
     /// How far the balance of forces on the weight lies outside what friction can take up.
-    fn load_residuals(&self, record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+    fn load_residuals(
+        &self,
+        record: &Prepared,
+        mut rig: Rig,
+        memory: Option<f64>,
+    ) -> Option<Residuals> {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
@@ -1109,7 +1143,7 @@ impl MuscleModel {
             }
         }
         let played = record.unplayed(play(&rig), &record.measured, None);
-        let forces_n = self.loading_n(record, &mut rig)?;
+        let forces_n = self.loading_n(record, &mut rig, memory)?;
         let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
         // States of terms are at rest here: forms that have some are judged without them.

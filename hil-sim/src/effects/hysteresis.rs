@@ -28,14 +28,13 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[
                 FORCE_N,
                 REACH,
-                Parameter::new("spread", "1", (0.3, 6.0), 1.0).log(),
+                Parameter::new("spread", "1", (1.0, 300.0), 8.0).log(),
                 BASE_SHARE,
             ],
-            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, \
-                     half the loop's width at 300 kPa as its size; the \
-                     thresholds grow up to the reach with a power, 1 spreads them evenly; Shin & \
-                     Kogiso 2020, Tondu 2012. Leaves out loops that are wider one way than the \
-                     other.",
+            source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, half \
+                     the loop's width at 300 kPa as its size; the thresholds in a geometric row \
+                     about the reach, the largest the spread times the smallest; Shin & Kogiso \
+                     2020, Tondu 2012. Leaves out loops that are wider one way than the other.",
             build: |values| {
                 Term::Muscle(Box::new(MaxwellSlip {
                     size: Size::new(values),
@@ -122,8 +121,8 @@ struct MaxwellSlip {
 impl MaxwellSlip {
     /// How far the spring of each element can be stretched \[-\].
     fn thresholds(&self) -> [f64; ELEMENTS] {
-        let place = |i| (i as f64 + 0.5) / ELEMENTS as f64;
-        core::array::from_fn(|i| self.reach * place(i).powf(self.spread))
+        let place = |i| i as f64 / (ELEMENTS - 1) as f64 - 0.5;
+        core::array::from_fn(|i| self.reach * self.spread.powf(place(i)))
     }
 }
 
@@ -137,6 +136,10 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
         for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
             *slider = at.contraction - at.contraction.clamp(-threshold, threshold);
         }
+    }
+
+    fn remembers(&self) -> bool {
+        true
     }
 
     fn lean(&self, at: &MusclePoint, share: f64, state: &mut [f64]) {
@@ -195,6 +198,10 @@ impl Dynamics<MusclePoint> for BoucWen {
         state[0] = z;
     }
 
+    fn remembers(&self) -> bool {
+        true
+    }
+
     fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
         state[0] = share;
     }
@@ -226,6 +233,10 @@ impl Dynamics<MusclePoint> for Duhem {
     // As if it had been drawn in from its full length.
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
         state[0] = 1.0 - (-at.contraction.max(0.0) / self.reach).exp();
+    }
+
+    fn remembers(&self) -> bool {
+        true
     }
 
     fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {

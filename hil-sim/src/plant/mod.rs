@@ -157,6 +157,9 @@ pub struct Plant {
     pub atmospheric: AbsolutePa<f64>,
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
+    /// How the memories of motion lean where a simulation begins, from −1, after paying out, to 1;
+    /// `None` where the weight is to tell.
+    pub memory: Option<f64>,
     states: usize,
 }
 
@@ -278,6 +281,7 @@ impl Plant {
             },
             atmospheric: gas.atmospheric_pressure,
             ambient_temperature_k: gas.ambient_temperature_k,
+            memory: None,
             states: NOMINAL_STATES,
         };
         for effect in &rig.effects {
@@ -475,6 +479,10 @@ impl Plant {
     /// Where a rate-independent memory stands is not seen in a single instant. A weight at rest
     /// tells: its forces are in balance, to within static friction. One that pays out tells too.
     fn lean(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
+        if let Some(share) = self.memory {
+            self.update_terms(Update::Lean(share), time_s, drive, state);
+            return;
+        }
         let Some(load) = &self.load else { return };
         if state[CONTRACTION_RATE] < 0.0 {
             self.update_terms(Update::Lean(-1.0), time_s, drive, state);
