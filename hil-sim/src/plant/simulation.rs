@@ -394,6 +394,10 @@ impl<const N: usize> Trajectory<N> {
         drive: &Drive,
         until_s: f64,
     ) -> Result<(), SimulationError> {
+        if N == NOMINAL_STATES && plant.load.is_none() && plant.pneumatics.is_none() {
+            self.follow_inputs(drive, until_s);
+            return Ok(());
+        }
         let (mut after_jump, mut rates) = match self.rates.take() {
             Some((known, rates)) if known == *drive => (false, rates),
             _ => (true, self.rates_after_jump(plant, drive)),
@@ -459,6 +463,14 @@ impl<const N: usize> Trajectory<N> {
         }
         self.rates = Some((*drive, rates));
         Ok(())
+    }
+
+    /// Goes to `until_s` where all is input, and straight between its samples.
+    fn follow_inputs(&mut self, drive: &Drive, until_s: f64) {
+        let way_s = until_s - self.time_s;
+        self.state[CONTRACTION] += drive.contraction_rate_per_s * way_s;
+        self.state[PRESSURE] += drive.pressure_rate_pa_per_s * way_s;
+        self.time_s = until_s;
     }
 
     /// Goes to `event` in `step` and into the regime that follows it.
