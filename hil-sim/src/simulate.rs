@@ -76,22 +76,29 @@ impl<'a> Inputs<'a> {
             };
             plant.sensors.truth(time_s[row], reading)
         };
-        if simulated.pressure {
-            inputs.reference_pa = held(record.require(record::PRESSURE_REF_PA)?);
-        } else {
-            let measured = filled(record, record::PRESSURE_PA)?;
-            for (row, measured_pa) in measured.iter().enumerate() {
-                let pressure = truth(row, *measured_pa, 0.0).pressure;
-                let pressure = above_vacuum(&plant, record, row, pressure)?;
+        let measured = |name: &str, simulated: bool| {
+            if simulated {
+                Ok(Vec::new())
+            } else {
+                filled(record, name)
+            }
+        };
+        let pressure_pa = measured(record::PRESSURE_PA, simulated.pressure)?;
+        let contraction = measured(record::CONTRACTION, simulated.motion)?;
+        let of = |values: &[f64], row: usize| values.get(row).copied();
+        for row in 0..time_s.len() {
+            let (pressure_pa, contraction) = (of(&pressure_pa, row), of(&contraction, row));
+            let truth = truth(row, pressure_pa.unwrap_or(0.0), contraction.unwrap_or(0.0));
+            if pressure_pa.is_some() {
+                let pressure = above_vacuum(&plant, record, row, truth.pressure)?;
                 inputs.pressure_pa.push(pressure.0);
             }
+            if contraction.is_some() {
+                inputs.contraction.push(truth.contraction);
+            }
         }
-        if !simulated.motion {
-            let measured = filled(record, record::CONTRACTION)?;
-            let values = measured.iter().enumerate();
-            inputs.contraction = values
-                .map(|(row, c)| truth(row, 0.0, *c).contraction)
-                .collect();
+        if simulated.pressure {
+            inputs.reference_pa = held(record.require(record::PRESSURE_REF_PA)?);
         }
         if simulated.pressure && record.column(record::SUPPLY_PA).is_some() {
             inputs.supply_pa = filled(record, record::SUPPLY_PA)?;

@@ -1306,7 +1306,8 @@ fn malformed_effects_are_refused_with_line_and_key() {
             hysteresis.to_owned() + "reach = 0.02\nsharpness = 2\n",
             5,
             "effect.sharpness",
-            "one of the keys name, form, force_n, reach, asymmetry, found this",
+            "one of the keys name, form, force_n, reach, asymmetry, base_share, \
+             found this",
         ),
         (
             hysteresis.to_owned() + "reach = \"far\"\nasymmetry = 1\n",

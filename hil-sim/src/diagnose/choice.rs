@@ -220,12 +220,14 @@ impl<M: Model> Search<'_, '_, M> {
                 continue;
             }
             let all = self.engine.model.candidates();
-            let touching: Vec<usize> = (0..all.len())
-                .filter(|c| all[*c].blocks.contains(&part.block))
-                .collect();
-            let alone = touching.par_iter().filter_map(|candidate| {
-                let fit = self.engine.group(&[part.block], &[*candidate])?;
-                Some((fit.score(), *candidate))
+            let touches = |h: &&Hypothesis| match h.candidates[..] {
+                [candidate] => all[candidate].blocks.contains(&part.block),
+                _ => false,
+            };
+            let touching: Vec<&Hypothesis> = self.tried.iter().filter(touches).collect();
+            let alone = touching.par_iter().filter_map(|single| {
+                let cost = self.engine.alone(part.block, single)?;
+                Some((cost, single.candidates[0]))
             });
             let mut alone: Vec<(f64, usize)> = alone.collect();
             alone.sort_by(|a, b| a.0.total_cmp(&b.0));

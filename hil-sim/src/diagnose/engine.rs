@@ -521,7 +521,7 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     /// Fits the blocks' residuals with `candidates`; `None` without a solution.
-    pub fn group(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
+    fn group(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let key = (blocks.to_vec(), candidates.to_vec());
         if let Some(known) = self.fits.lock().ok()?.get(&key) {
             return known.clone();
@@ -529,6 +529,17 @@ impl<'a, M: Model> Engine<'a, M> {
         let fit = self.fit(blocks, candidates);
         self.fits.lock().ok()?.insert(key, fit.clone());
         fit
+    }
+
+    /// Cost of one block, with the candidate of `hypothesis` that is fitted to it alone, from where
+    /// it is.
+    pub fn alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
+        let blocks = [block];
+        let free = self.free(&blocks);
+        let x = self.coordinates(hypothesis, &free, &hypothesis.candidates);
+        let mut problem = Problem::new(self.model, &blocks, &free, &hypothesis.candidates);
+        let found = minimize(&mut problem, DVector::from_vec(x), LOOSE)?;
+        Some(problem.fit(&found)?.score())
     }
 
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
