@@ -22,6 +22,8 @@ pub(crate) struct Inputs<'a> {
     pressure_pa: Vec<f64>,
     /// Supply pressure (gauge) \[Pa\], linear between rows; empty if it was not measured.
     supply_pa: Vec<f64>,
+    /// The contraction is a mass's: it goes from row to row without the corners of straight lines.
+    pub(crate) inert: bool,
 }
 
 /// The difference quotient of `values` between a row and the next; 0 in the last and in none.
@@ -29,6 +31,24 @@ fn slope(time_s: &[f64], values: &[f64], row: usize) -> f64 {
     match (values.get(row), values.get(row + 1)) {
         (Some(begin), Some(end)) => (end - begin) / (time_s[row + 1] - time_s[row]),
         _ => 0.0,
+    }
+}
+
+/// The second derivative of `values` between a row and the next, where both agree on one: the
+/// smaller of theirs, and no larger than leaves the slope its sign. 0 elsewhere.
+fn curvature(time_s: &[f64], values: &[f64], row: usize) -> f64 {
+    let Some(after) = time_s.get(row + 2).filter(|_| row > 0) else {
+        return 0.0;
+    };
+    let at = |row: usize| slope(time_s, values, row);
+    let own_s = time_s[row + 1] - time_s[row];
+    let begin = 2.0 * (at(row) - at(row - 1)) / (time_s[row + 1] - time_s[row - 1]);
+    let end = 2.0 * (at(row + 1) - at(row)) / (after - time_s[row]);
+    if begin * end > 0.0 {
+        let most = 2.0 * at(row).abs() / own_s;
+        begin.abs().min(end.abs()).min(most).copysign(begin)
+    } else {
+        0.0
     }
 }
 
@@ -67,6 +87,7 @@ impl<'a> Inputs<'a> {
             contraction: Vec::new(),
             pressure_pa: Vec::new(),
             supply_pa: Vec::new(),
+            inert: false,
         };
         let truth = |row: usize, pressure_pa: f64, contraction: f64| {
             let reading = Reading {
@@ -111,6 +132,11 @@ impl<'a> Inputs<'a> {
         Drive {
             reference: GaugePa(self.reference_pa.get(row).copied().unwrap_or(0.0)),
             contraction_rate_per_s: slope(self.time_s, &self.contraction, row),
+            contraction_acceleration_per_s2: if self.inert {
+                curvature(self.time_s, &self.contraction, row)
+            } else {
+                0.0
+            },
             pressure_rate_pa_per_s: slope(self.time_s, &self.pressure_pa, row),
             supply: self.supply_pa.get(row).map(|value| Ramp {
                 start_s: self.time_s[row],
@@ -146,7 +172,11 @@ impl<'a> Inputs<'a> {
             let drive = self.drive(row);
             // Inputs are set anew at each row, so that rounding does not add up.
             if let Some(contraction) = self.contraction(row) {
-                simulation.prescribe_contraction(contraction, drive.contraction_rate_per_s);
+                let until_s = self.time_s.get(row + 1).copied();
+                let half_s = 0.5 * until_s.map_or(0.0, |until_s| until_s - self.time_s[row]);
+                let gained_per_s = half_s * drive.contraction_acceleration_per_s2;
+                let rate_per_s = drive.contraction_rate_per_s - gained_per_s;
+                simulation.prescribe_contraction(contraction, rate_per_s);
             }
             if let Some(pressure) = self.pressure(row) {
                 simulation.prescribe_pressure(pressure);
@@ -281,4 +311,27 @@ pub fn simulate_with(
         simulated.set(record::TEMPERATURE_K, temperature_k);
     }
     Ok(simulated)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_keeps_its_curvature_and_a_corner_none() {
+        let time_s = [0.0, 0.1, 0.2, 0.35, 0.4, 0.5];
+        let parabola: Vec<f64> = time_s.iter().map(|t| 3.0 * t * t + t).collect();
+        for row in 1..4 {
+            assert!((curvature(&time_s, &parabola, row) - 6.0).abs() < 1e-9);
+        }
+        let corner: Vec<f64> = time_s.iter().map(|t| (t - 0.2_f64).abs()).collect();
+        assert!((0..6).all(|row| curvature(&time_s, &corner, row) == 0.0));
+        // At a reversal between samples the slope keeps the sign of its mean.
+        let reversal: Vec<f64> = time_s.iter().map(|t| (t - 0.21) * (t - 0.21)).collect();
+        for row in 1..4 {
+            let half_s = 0.5 * (time_s[row + 1] - time_s[row]);
+            let gained = half_s * curvature(&time_s, &reversal, row).abs();
+            assert!(gained <= slope(&time_s, &reversal, row).abs() + 1e-12);
+        }
+    }
 }

@@ -1019,7 +1019,15 @@ fn remembering(
 /// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
 /// is read, and the true force.
 fn run(rig: &Rig, record: &Record, memory: Option<f64>) -> Option<Vec<(Reading, f64)>> {
-    let inputs = Inputs::new(rig, record).ok()?;
+    run_on(rig, Inputs::new(rig, record).ok()?, record, memory)
+}
+
+fn run_on(
+    rig: &Rig,
+    inputs: Inputs,
+    record: &Record,
+    memory: Option<f64>,
+) -> Option<Vec<(Reading, f64)>> {
     let mut plant = Plant::new(rig, inputs.simulated).ok()?;
     plant.memory = memory;
     let first = |name: &str| {
@@ -1053,10 +1061,13 @@ fn run(rig: &Rig, record: &Record, memory: Option<f64>) -> Option<Vec<(Reading, 
 }
 
 fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+    let inert = matches!(rig.load, Load::Weight(_));
     rig.load = Load::Prescribed;
-    let inputs = record.unplayed(play(&rig), record.gas.as_ref()?, None);
-    let measured = inputs.column(PRESSURE_PA)?;
-    let read = run(&rig, &inputs, None)?;
+    let played = record.unplayed(play(&rig), record.gas.as_ref()?, None);
+    let measured = played.column(PRESSURE_PA)?;
+    let mut inputs = Inputs::new(&rig, &played).ok()?;
+    inputs.inert = inert;
+    let read = run_on(&rig, inputs, &played, None)?;
     let residual = |row: &usize| {
         let simulated_pa = record.pressure_span.read(read[*row].0.pressure.0);
         (simulated_pa - measured[*row]) / record.noise.pressure_pa

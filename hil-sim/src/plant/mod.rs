@@ -96,8 +96,10 @@ pub struct Ramp {
 pub struct Drive {
     /// Reference pressure that is sent to the valve, held.
     pub reference: GaugePa<f64>,
-    /// Rate of the prescribed contraction \[1/s\].
+    /// Rate of the prescribed contraction, on average \[1/s\].
     pub contraction_rate_per_s: f64,
+    /// Its own rate \[1/s²\].
+    pub contraction_acceleration_per_s2: f64,
     /// Rate of the prescribed pressure \[Pa/s\].
     pub pressure_rate_pa_per_s: f64,
     /// Measured supply pressure (gauge, \[Pa\]) in place of the rig's nominal one.
@@ -385,7 +387,8 @@ impl Plant {
                     load.acceleration_per_s2(&at, state, force_n, regime.motion);
             }
         } else {
-            rates[CONTRACTION] = drive.contraction_rate_per_s;
+            rates[CONTRACTION] = state[CONTRACTION_RATE];
+            rates[CONTRACTION_RATE] = drive.contraction_acceleration_per_s2;
         }
         if let Some(pneumatics) = &self.pneumatics {
             let signals =
