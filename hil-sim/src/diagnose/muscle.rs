@@ -7,6 +7,7 @@
 //!   still, static friction may be anything up to its limit.
 
 use super::Calibrated;
+use super::along::Along;
 use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
@@ -171,6 +172,8 @@ struct Prepared {
     /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
     rates_per_s: Vec<f64>,
     directions: Vec<f64>,
+    /// Of each row: where the contraction has surely moved to \[-\].
+    path: Vec<f64>,
     /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
     sides: Vec<f64>,
     /// Rows in which pressure and force are compared.
@@ -625,6 +628,7 @@ impl Prepared {
             stops: Vec::new(),
             rates_per_s: vec![0.0; contraction.len()],
             directions: vec![0.0; contraction.len()],
+            path: Vec::with_capacity(contraction.len()),
             sides: vec![0.0; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
@@ -689,12 +693,17 @@ impl Prepared {
         self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
     }
 
-    /// Rates, directions, and on which side of a play the encoder is.
+    /// Rates, directions, the path, and on which side of a play the encoder is.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
+            let place = dot(&kernel.value, &contraction[kernel.rows.clone()]);
+            let play = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
+            let last = self.path.last().copied().unwrap_or(place);
+            // Not `clamp`, which refuses the NaN of a gap; noise must not be a way without end.
+            self.path.push(last.max(place - play).min(place + play));
             // Rows that are farther apart than the kernel reaches show none.
             if !rate_per_s.is_finite() {
                 continue;
@@ -1061,6 +1070,23 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     Some(Residuals { values, slack })
 }
 
+/// The weight of `rig` with its effects, and how many states they have.
+fn load_block(rig: &Rig, weight: Weight) -> (LoadBlock, usize) {
+    let mut load = LoadBlock {
+        weight,
+        initial_length_m: rig.muscle.initial_length_m,
+        terms: Terms::default(),
+    };
+    let mut states = 0;
+    let effects = rig.effects.iter();
+    for effect in effects.filter(|effect| effect.kind.block == "load") {
+        if let Term::Load(term) = (effect.form.build)(&effect.values) {
+            states += load.terms.push(term, states);
+        }
+    }
+    (load, states)
+}
+
 impl MuscleModel {
     /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
     /// where there is one.
@@ -1093,26 +1119,13 @@ impl MuscleModel {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
-        let mut load = LoadBlock {
-            weight,
-            initial_length_m: rig.muscle.initial_length_m,
-            terms: Terms::default(),
-        };
-        for effect in rig
-            .effects
-            .iter()
-            .filter(|effect| effect.kind.block == "load")
-        {
-            if let Term::Load(term) = (effect.form.build)(&effect.values) {
-                load.terms.push(term, 0);
-            }
-        }
-        let played = record.unplayed(play(&rig), &record.measured, None);
+        let (load, states) = load_block(&rig, weight);
+        let play = play(&rig);
+        let played = record.unplayed(play, &record.measured, None);
         let forces_n = self.loading_n(record, &mut rig)?;
         let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
-        // States of terms are at rest here: forms that have some are judged without them.
-        let rest = [0.0; 8];
+        let mut along = Along::new(states);
         let rows: Vec<[f64; 3]> = (0..time_s.len())
             .map(|row| {
                 let direction = record.directions[row];
@@ -1123,7 +1136,8 @@ impl MuscleModel {
                     direction,
                     initial_length_m: load.initial_length_m,
                 };
-                let (weight, lifting_n) = load.constants(&at, &rest);
+                let place = record.path[row] + play * record.sides[row];
+                let (weight, lifting_n, doubt_n) = along.constants(&load, &at, place);
                 let (middle_n, reach_n) = if direction == 0.0 {
                     (0.0, weight.static_friction_n)
                 } else {
@@ -1133,7 +1147,7 @@ impl MuscleModel {
                 let (least_n, most_n) = forces_n[row];
                 [
                     0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
-                    reach_n + 0.5 * (most_n - least_n),
+                    reach_n + doubt_n + 0.5 * (most_n - least_n),
                     weight.mass_kg,
                 ]
             })
