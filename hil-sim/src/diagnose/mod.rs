@@ -4,6 +4,7 @@
 //! them knows a muscle. [`muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 mod along;
+mod begin;
 pub mod choice;
 pub mod engine;
 pub mod least_squares;

@@ -8,6 +8,7 @@
 
 use super::Calibrated;
 use super::along::Along;
+use super::begin::{fading_n, forgotten};
 use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
@@ -185,6 +186,8 @@ struct Prepared {
     pressure_span: Span,
     force_span: Span,
     contraction_moves: bool,
+    /// Its effects are settled as it begins.
+    settled: bool,
     /// What is doubtful about it.
     warnings: Vec<String>,
 }
@@ -322,9 +325,7 @@ impl MuscleModel {
         let has = |name: &str| records().all(|record| record.column(name).is_some());
         let bench = rig.load == Load::Prescribed && has(FORCE_N);
         let repeatability_n = force_repeatability_n(records().filter(|_| bench));
-        let prepared = records()
-            .map(|record| Prepared::new(rig, record, repeatability_n))
-            .collect::<Result<Vec<_>, _>>()?;
+        let prepared = Prepared::all(rig, records(), repeatability_n)?;
         let moves = prepared.iter().any(|record| record.contraction_moves);
         let mut blocks = Vec::new();
         if has(PRESSURE_REF_PA) && rig.valve.is_some() {
@@ -546,6 +547,23 @@ fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     thin
 }
 
+/// Whether what drives a rig is at rest as `record` begins: the pressure, and a contraction that is
+/// no weight's.
+fn begins_at_rest(rig: &Rig, record: &Record, noise: &Noise) -> bool {
+    let time_s = record.time_s();
+    let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
+    let contraction = (rig.load == Load::Prescribed).then_some(CONTRACTION);
+    let mut driving = [PRESSURE_PA].into_iter().chain(contraction);
+    driving.all(|name| {
+        let values = record.column(name).unwrap_or_default();
+        let present = values.iter().take(begin).filter(|value| !value.is_nan());
+        let most = present.clone().copied().fold(f64::NEG_INFINITY, f64::max);
+        let least = present.copied().fold(f64::INFINITY, f64::min);
+        // Noise goes either way.
+        most - least <= 2.0 * CHANGE_NOISES * noise.of(name)
+    })
+}
+
 /// A record with some columns of another.
 fn with_columns(record: &Record, names: &[&str]) -> Record {
     let mut copy = Record::new(record.time_s().to_vec());
@@ -585,6 +603,15 @@ impl Prepared {
         Cow::Owned(record)
     }
 
+    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
+    /// were settled.
+    fn fading_n(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+        if self.settled {
+            return Some(Vec::new());
+        }
+        fading_n(rig, &self.measured).ok()
+    }
+
     /// The least and the most force that the muscle can have, row by row \[N\].
     fn forces_n(&self, rig: &Rig) -> Option<Vec<(f64, f64)>> {
         let play = play(rig);
@@ -600,6 +627,22 @@ impl Prepared {
         }
         let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
         Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
+    }
+
+    fn all<'a>(
+        rig: &Rig,
+        records: impl Iterator<Item = &'a Record>,
+        repeatability_n: Option<f64>,
+    ) -> Result<Vec<Prepared>, BadInput> {
+        let mut prepared = records
+            .map(|record| Prepared::new(rig, record, repeatability_n))
+            .collect::<Result<Vec<_>, _>>()?;
+        // Who does not wait before one record does not before the others; some may begin in a hold.
+        let settled = prepared.iter().all(|record| record.settled);
+        for record in &mut prepared {
+            record.settled = settled;
+        }
+        Ok(prepared)
     }
 
     /// `repeatability_n` is what the force is off from run to run, if that is known.
@@ -636,6 +679,7 @@ impl Prepared {
             pressure_span: Span::of(&checked, PRESSURE_PA),
             force_span: Span::of(&checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
+            settled: begins_at_rest(rig, record, &noise),
             warnings,
         };
         prepared.motion(record, contraction);
@@ -699,7 +743,7 @@ impl Prepared {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
-            let place = dot(&kernel.value, &contraction[kernel.rows.clone()]);
+            let place = kernel.value(contraction);
             let play = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
             let last = self.path.last().copied().unwrap_or(place);
             // Not `clamp`, which refuses the NaN of a gap; noise must not be a way without end.
@@ -870,6 +914,10 @@ impl Kernel {
     /// The row in the middle.
     fn middle(&self) -> usize {
         self.rows.start + self.rows.len() / 2
+    }
+
+    fn value(&self, values: &[f64]) -> f64 {
+        dot(&self.value, &values[self.rows.clone()])
     }
 
     fn first(&self, values: &[f64]) -> f64 {
@@ -1067,7 +1115,14 @@ fn force_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     };
     let rows = record.force_rows.iter().zip(&record.per_force_noise);
     let (values, slack) = rows.map(residual).unzip();
-    Some(Residuals { values, slack })
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+        let rows = rows.clone();
+        rows.map(|(row, per_noise)| fading_n[*row] * per_noise)
+            .collect()
+    });
+    let fading: Vec<Vec<f64>> = fading.collect();
+    Some(forgotten(Residuals { values, slack }, &fading))
 }
 
 /// The weight of `rig` with its effects, and how many states they have.
@@ -1168,6 +1223,16 @@ impl MuscleModel {
         });
         let (values, slack) = residuals.unzip();
         let mut residuals = Residuals { values, slack };
+        if !self.blocks.contains(&FORCE) {
+            let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+                let places = record.places.iter();
+                places
+                    .map(|place| place.kernel.value(&fading_n) * place.per_noise)
+                    .collect()
+            });
+            let fading: Vec<Vec<f64>> = fading.collect();
+            residuals = forgotten(residuals, &fading);
+        }
         rig.load = Load::Prescribed;
         residuals.extend(record.stop_residuals(&rig)?);
         Some(residuals)

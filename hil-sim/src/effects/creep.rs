@@ -160,4 +160,12 @@ impl MuscleTerm for Relaxations {
         let missing_n = branches.map(|((size_n, _), state)| size_n * (drive - state));
         force_n - (self.drive.share)(at, muscle) * missing_n.sum::<f64>()
     }
+
+    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>) -> Vec<(f64, f64)> {
+        let share = (self.drive.share)(at, muscle);
+        let branches = self.branches.iter();
+        branches
+            .map(|(size_n, time_s)| (size_n * share, *time_s))
+            .collect()
+    }
 }
