@@ -507,6 +507,18 @@ fn logarithmic_creep_drifts_by_the_same_in_each_decade() {
         let decade_n = (at(to_s) - at(from_s)) / braid();
         assert_near(decade_n, 10.0, 0.8, "a decade");
     }
+    let step = through([(0.0, 0.0), (1.0, 0.0), (1.01, 0.125)]);
+    let record = bench(0.1, 2001, step, |_| 2e5);
+    let parameters = [
+        ("force_per_decade_n", 10.0),
+        ("shortest_time_constant_s", 0.5),
+        ("longest_time_constant_s", 500.0),
+    ];
+    let added = added_n(&effect("creep", "logarithmic-strain", &parameters), &record);
+    for (from_s, to_s) in [(1.0, 10.0), (3.0, 30.0), (10.0, 100.0), (19.0, 190.0)] {
+        let at = |since_s: f64| added[((since_s + 1.0) / 0.1_f64).round() as usize];
+        assert_near(at(to_s) - at(from_s), 5.0, 0.4, "a decade");
+    }
 }
 
 #[test]

@@ -823,9 +823,9 @@ impl<'a, M: Model> Engine<'a, M> {
 fn starts(parameters: &[Parameter]) -> Vec<Vec<f64>> {
     let mut starts = vec![Vec::new()];
     for parameter in parameters {
+        let (least, most) = parameter.reach();
         let values: Vec<f64> = if parameter.log {
             let reach = START_FACTOR.ln();
-            let (least, most) = parameter.reach();
             let shares: &[f64] = if parameters.len() == 1 {
                 &[0.0, -0.5, 0.5, -1.0, 1.0]
             } else {
@@ -836,7 +836,7 @@ fn starts(parameters: &[Parameter]) -> Vec<Vec<f64>> {
         } else if parameter.range.0 < 0.0 {
             vec![0.5, -0.5]
         } else {
-            vec![0.5]
+            vec![0.5_f64.clamp(least, most)]
         };
         let longer = starts.iter().flat_map(|start: &Vec<f64>| {
             values.iter().map(move |value| {

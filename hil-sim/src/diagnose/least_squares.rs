@@ -56,39 +56,6 @@ impl Residuals {
         self.values.extend(other.values);
         self.slack.extend(other.slack);
     }
-
-    /// Those of least cost on the straight way to as many `others`, where they are a minimum's.
-    pub fn best_towards(&self, others: &Residuals) -> Residuals {
-        let mix = |own: &[f64], others: &[f64], share: f64| -> Vec<f64> {
-            let pairs = own.iter().zip(others);
-            pairs.map(|(a, b)| a + share * (b - a)).collect()
-        };
-        let at = |share: f64| Residuals {
-            values: mix(&self.values, &others.values, share),
-            slack: mix(&self.slack, &others.slack, share),
-        };
-        // The cost is convex along the way: where it stops falling is its minimum.
-        let slope = |share: f64| -> f64 {
-            let here = at(share);
-            let ways = self.values.iter().zip(&others.values);
-            let widths = self.slack.iter().zip(&others.slack);
-            let rows = here.values.iter().zip(here.outside()).zip(ways.zip(widths));
-            rows.map(|((value, outside), ((a, b), (c, d)))| {
-                weight(outside) * outside * ((b - a) - value.signum() * (d - c))
-            })
-            .sum()
-        };
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if slope(middle) < 0.0 {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        at(0.5 * (low + high))
-    }
 }
 
 fn outside(value: f64, slack: f64) -> f64 {
@@ -499,23 +466,5 @@ mod tests {
         assert!((loss(OUTLIER + 1e-9) - loss(OUTLIER)).abs() < 1e-6);
         assert!((loss(10.0) - loss(9.0) - OUTLIER).abs() < 1e-12);
         assert_eq!(weight(2.0 * OUTLIER), 0.5);
-    }
-
-    #[test]
-    fn the_best_on_the_way_is_where_the_cost_is_least() {
-        let of = |values: [f64; 3], slack: f64| Residuals {
-            values: values.to_vec(),
-            slack: vec![slack; 3],
-        };
-        // Costs ½(x² + (x − 1)² + (2x − 1)²) at x = ½, and with dead zones any x near it.
-        let best = |slack| of([-1.0, -2.0, -3.0], slack).best_towards(&of([1.0, 0.0, 1.0], slack));
-        for (slack, within) in [(0.0, 1e-8), (0.2, 0.3)] {
-            for (value, least) in best(slack).values.iter().zip([0.5, -0.5, 0.0]) {
-                assert!((value - least).abs() < within, "{value} for {least}");
-            }
-        }
-        // Beyond its ends the way is not followed.
-        let far = of([5.0, 5.0, 5.0], 0.0).best_towards(&of([3.0, 3.0, 3.0], 0.0));
-        assert!(far.values.iter().all(|value| (value - 3.0).abs() < 1e-8));
     }
 }

@@ -7,6 +7,8 @@
 //!   still, static friction may be anything up to its limit.
 
 use super::Calibrated;
+use super::along::Along;
+use super::begin::{fading_n, forgotten};
 use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
@@ -171,6 +173,8 @@ struct Prepared {
     /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
     rates_per_s: Vec<f64>,
     directions: Vec<f64>,
+    /// Of each row: where the contraction has surely moved to \[-\].
+    path: Vec<f64>,
     /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
     sides: Vec<f64>,
     /// Rows in which pressure and force are compared.
@@ -182,6 +186,8 @@ struct Prepared {
     pressure_span: Span,
     force_span: Span,
     contraction_moves: bool,
+    /// Its effects are settled as it begins.
+    settled: bool,
     /// What is doubtful about it.
     warnings: Vec<String>,
 }
@@ -319,9 +325,7 @@ impl MuscleModel {
         let has = |name: &str| records().all(|record| record.column(name).is_some());
         let bench = rig.load == Load::Prescribed && has(FORCE_N);
         let repeatability_n = force_repeatability_n(records().filter(|_| bench));
-        let prepared = records()
-            .map(|record| Prepared::new(rig, record, repeatability_n))
-            .collect::<Result<Vec<_>, _>>()?;
+        let prepared = Prepared::all(rig, records(), repeatability_n)?;
         let moves = prepared.iter().any(|record| record.contraction_moves);
         let mut blocks = Vec::new();
         if has(PRESSURE_REF_PA) && rig.valve.is_some() {
@@ -544,6 +548,23 @@ fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     thin
 }
 
+/// Whether what drives a rig is at rest as `record` begins: the pressure, and a contraction that is
+/// no weight's.
+fn begins_at_rest(rig: &Rig, record: &Record, noise: &Noise) -> bool {
+    let time_s = record.time_s();
+    let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
+    let contraction = (rig.load == Load::Prescribed).then_some(CONTRACTION);
+    let mut driving = [PRESSURE_PA].into_iter().chain(contraction);
+    driving.all(|name| {
+        let values = record.column(name).unwrap_or_default();
+        let present = values.iter().take(begin).filter(|value| !value.is_nan());
+        let most = present.clone().copied().fold(f64::NEG_INFINITY, f64::max);
+        let least = present.copied().fold(f64::INFINITY, f64::min);
+        // Noise goes either way.
+        most - least <= 2.0 * CHANGE_NOISES * noise.of(name)
+    })
+}
+
 /// A record with some columns of another.
 fn with_columns(record: &Record, names: &[&str]) -> Record {
     let mut copy = Record::new(record.time_s().to_vec());
@@ -583,6 +604,15 @@ impl Prepared {
         Cow::Owned(record)
     }
 
+    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
+    /// were settled.
+    fn fading_n(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+        if self.settled {
+            return Some(Vec::new());
+        }
+        fading_n(rig, &self.measured).ok()
+    }
+
     /// The least and the most force that the muscle can have, row by row \[N\], if it began with
     /// such a memory.
     fn forces_n(&self, rig: &Rig, memory: Option<f64>) -> Option<Vec<(f64, f64)>> {
@@ -599,6 +629,22 @@ impl Prepared {
         }
         let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
         Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
+    }
+
+    fn all<'a>(
+        rig: &Rig,
+        records: impl Iterator<Item = &'a Record>,
+        repeatability_n: Option<f64>,
+    ) -> Result<Vec<Prepared>, BadInput> {
+        let mut prepared = records
+            .map(|record| Prepared::new(rig, record, repeatability_n))
+            .collect::<Result<Vec<_>, _>>()?;
+        // Who does not wait before one record does not before the others; some may begin in a hold.
+        let settled = prepared.iter().all(|record| record.settled);
+        for record in &mut prepared {
+            record.settled = settled;
+        }
+        Ok(prepared)
     }
 
     /// `repeatability_n` is what the force is off from run to run, if that is known.
@@ -627,6 +673,7 @@ impl Prepared {
             stops: Vec::new(),
             rates_per_s: vec![0.0; contraction.len()],
             directions: vec![0.0; contraction.len()],
+            path: Vec::with_capacity(contraction.len()),
             sides: vec![0.0; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
@@ -634,6 +681,7 @@ impl Prepared {
             pressure_span: Span::of(&checked, PRESSURE_PA),
             force_span: Span::of(&checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
+            settled: begins_at_rest(rig, record, &noise),
             warnings,
         };
         prepared.motion(record, contraction);
@@ -691,12 +739,17 @@ impl Prepared {
         self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
     }
 
-    /// Rates, directions, and on which side of a play the encoder is.
+    /// Rates, directions, the path, and on which side of a play the encoder is.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
+            let place = kernel.value(contraction);
+            let play = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
+            let last = self.path.last().copied().unwrap_or(place);
+            // Not `clamp`, which refuses the NaN of a gap; noise must not be a way without end.
+            self.path.push(last.max(place - play).min(place + play));
             // Rows that are farther apart than the kernel reaches show none.
             if !rate_per_s.is_finite() {
                 continue;
@@ -865,6 +918,10 @@ impl Kernel {
         self.rows.start + self.rows.len() / 2
     }
 
+    fn value(&self, values: &[f64]) -> f64 {
+        dot(&self.value, &values[self.rows.clone()])
+    }
+
     fn first(&self, values: &[f64]) -> f64 {
         dot(&self.first, &values[self.rows.clone()])
     }
@@ -1009,11 +1066,21 @@ fn remembering(
         Term::Muscle(term) => term.remembers(),
         _ => false,
     });
-    if remembers {
-        Some(residuals(Some(-1.0))?.best_towards(&residuals(Some(1.0))?))
-    } else {
-        residuals(None)
+    if !remembers {
+        return residuals(None);
     }
+    let (out, drawn_in) = (residuals(Some(-1.0))?, residuals(Some(1.0))?);
+    let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
+    };
+    let middle = Residuals {
+        values: half(&out.values, &drawn_in.values, 1.0),
+        slack: half(&out.slack, &drawn_in.slack, 1.0),
+    };
+    Some(forgotten(
+        middle,
+        &[half(&out.values, &drawn_in.values, -1.0)],
+    ))
 }
 
 /// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
@@ -1094,7 +1161,31 @@ fn force_residuals(record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Opti
     };
     let rows = record.force_rows.iter().zip(&record.per_force_noise);
     let (values, slack) = rows.map(residual).unzip();
-    Some(Residuals { values, slack })
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+        let rows = rows.clone();
+        rows.map(|(row, per_noise)| fading_n[*row] * per_noise)
+            .collect()
+    });
+    let fading: Vec<Vec<f64>> = fading.collect();
+    Some(forgotten(Residuals { values, slack }, &fading))
+}
+
+/// The weight of `rig` with its effects, and how many states they have.
+fn load_block(rig: &Rig, weight: Weight) -> (LoadBlock, usize) {
+    let mut load = LoadBlock {
+        weight,
+        initial_length_m: rig.muscle.initial_length_m,
+        terms: Terms::default(),
+    };
+    let mut states = 0;
+    let effects = rig.effects.iter();
+    for effect in effects.filter(|effect| effect.kind.block == "load") {
+        if let Term::Load(term) = (effect.form.build)(&effect.values) {
+            states += load.terms.push(term, states);
+        }
+    }
+    (load, states)
 }
 
 impl MuscleModel {
@@ -1139,26 +1230,13 @@ impl MuscleModel {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
-        let mut load = LoadBlock {
-            weight,
-            initial_length_m: rig.muscle.initial_length_m,
-            terms: Terms::default(),
-        };
-        for effect in rig
-            .effects
-            .iter()
-            .filter(|effect| effect.kind.block == "load")
-        {
-            if let Term::Load(term) = (effect.form.build)(&effect.values) {
-                load.terms.push(term, 0);
-            }
-        }
-        let played = record.unplayed(play(&rig), &record.measured, None);
+        let (load, states) = load_block(&rig, weight);
+        let play = play(&rig);
+        let played = record.unplayed(play, &record.measured, None);
         let forces_n = self.loading_n(record, &mut rig, memory)?;
         let contraction = played.column(CONTRACTION)?;
         let time_s = record.measured.time_s();
-        // States of terms are at rest here: forms that have some are judged without them.
-        let rest = [0.0; 8];
+        let mut along = Along::new(states);
         let rows: Vec<[f64; 3]> = (0..time_s.len())
             .map(|row| {
                 let direction = record.directions[row];
@@ -1169,7 +1247,8 @@ impl MuscleModel {
                     direction,
                     initial_length_m: load.initial_length_m,
                 };
-                let (weight, lifting_n) = load.constants(&at, &rest);
+                let place = record.path[row] + play * record.sides[row];
+                let (weight, lifting_n, doubt_n) = along.constants(&load, &at, place);
                 let (middle_n, reach_n) = if direction == 0.0 {
                     (0.0, weight.static_friction_n)
                 } else {
@@ -1179,7 +1258,7 @@ impl MuscleModel {
                 let (least_n, most_n) = forces_n[row];
                 [
                     0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
-                    reach_n + 0.5 * (most_n - least_n),
+                    reach_n + doubt_n + 0.5 * (most_n - least_n),
                     weight.mass_kg,
                 ]
             })
@@ -1200,6 +1279,16 @@ impl MuscleModel {
         });
         let (values, slack) = residuals.unzip();
         let mut residuals = Residuals { values, slack };
+        if !self.blocks.contains(&FORCE) {
+            let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+                let places = record.places.iter();
+                places
+                    .map(|place| place.kernel.value(&fading_n) * place.per_noise)
+                    .collect()
+            });
+            let fading: Vec<Vec<f64>> = fading.collect();
+            residuals = forgotten(residuals, &fading);
+        }
         rig.load = Load::Prescribed;
         residuals.extend(record.stop_residuals(&rig)?);
         Some(residuals)

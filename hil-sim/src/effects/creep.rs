@@ -69,6 +69,20 @@ pub(super) const KIND: EffectKind = EffectKind {
                      step of the pressure alone leaves behind.",
             build: |values| relaxations(pair(values), BY_STRAIN),
         },
+        Form {
+            name: "logarithmic-strain",
+            parameters: &[
+                Parameter::new("force_per_decade_n", "N", (0.0, 1e3), 15.0).neutral(0.0),
+                Parameter::new("shortest_time_constant_s", "s", (0.1, 1e2), 0.3).log(),
+                Parameter::new("longest_time_constant_s", "s", (1.0, 1e5), 200.0).log(),
+            ],
+            source: "Relaxation of the bladder's strain in proportion to the logarithm of time, \
+                     as rubber shows (Gent 1962), its size in a decade after a step of 0.25 in \
+                     contraction: four branches of equal size, evenly from the shortest to the \
+                     longest time constant. Leaves out what a step of the pressure alone leaves \
+                     behind.",
+            build: |values| relaxations(evenly(values[0], values[1], values[2]), BY_STRAIN),
+        },
     ],
 };
 
@@ -77,6 +91,18 @@ const LOGARITHMIC_TIME_CONSTANTS_S: [f64; 4] = [0.5, 5.0, 50.0, 500.0];
 
 fn pair(values: &[f64]) -> Vec<(f64, f64)> {
     vec![(values[0], values[1]), (values[2], values[3])]
+}
+
+/// Branches of the logarithmic form of the strain: a decade apart they ripple by 2 % of its size.
+const BRANCHES: u32 = 4;
+
+/// Branches evenly over the logarithm of time, together `per_decade_n` in each decade.
+fn evenly(per_decade_n: f64, shortest_s: f64, longest_s: f64) -> Vec<(f64, f64)> {
+    let ratio = (longest_s / shortest_s).powf(1.0 / f64::from(BRANCHES - 1));
+    let size_n = per_decade_n * ratio.log10().abs();
+    let time_s = |branch| shortest_s * ratio.powf(f64::from(branch));
+    let branches = (0..BRANCHES).map(|branch| (size_n, time_s(branch)));
+    branches.collect()
 }
 
 /// What the states follow, and how it pulls at a contraction.
@@ -133,5 +159,13 @@ impl MuscleTerm for Relaxations {
         let branches = self.branches.iter().zip(state);
         let missing_n = branches.map(|((size_n, _), state)| size_n * (drive - state));
         force_n - (self.drive.share)(at, muscle) * missing_n.sum::<f64>()
+    }
+
+    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>) -> Vec<(f64, f64)> {
+        let share = (self.drive.share)(at, muscle);
+        let branches = self.branches.iter();
+        branches
+            .map(|(size_n, time_s)| (size_n * share, *time_s))
+            .collect()
     }
 }

@@ -1,0 +1,106 @@
+//! What a muscle has behind it when a record begins.
+//!
+//! Where the first of some records begins at rest, all are taken to begin after a long one, and
+//! effects are settled then. Where one begins in motion nobody knows what states that take seconds
+//! to settle have come to. What they are off by acts on the force in proportion and fades with
+//! their own time constants: it is taken from the residuals record by record, as much as makes
+//! these least, so that no parameter is added and what follows is judged.
+
+use super::least_squares::{Linearized, Residuals, Slopes};
+use crate::error::BadInput;
+use crate::plant::muscle::MusclePoint;
+use crate::plant::{Plant, Simulated};
+use crate::record::{CONTRACTION, PRESSURE_PA, Record};
+use crate::rig::{Load, Rig};
+use model_core::pressure::GaugePa;
+use nalgebra::{DMatrix, DVector};
+
+/// Standard deviation of what a state may be off by, in units of its drive's usual size.
+const SPREAD: f64 = 0.5;
+/// Muscle alone, on measured pressure and contraction.
+const FORCE_ALONE: Simulated = Simulated {
+    pressure: false,
+    motion: false,
+};
+
+/// What each state of the muscle's effects of `rig` that fades by itself adds to the force where it
+/// was one unit too large when `record` began, row by row \[N\].
+pub fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
+    let mut rig = rig.clone();
+    rig.load = Load::Prescribed;
+    let muscle = Plant::new(&rig, FORCE_ALONE)?.muscle;
+    let time_s = record.time_s();
+    let (contraction, pressure_pa) = (record.require(CONTRACTION)?, record.require(PRESSURE_PA)?);
+    let mut all = Vec::new();
+    for term in muscle.terms.all() {
+        let mut own: Vec<Vec<f64>> = Vec::new();
+        for row in 0..time_s.len() {
+            let at = MusclePoint {
+                time_s: time_s[row],
+                contraction: contraction[row],
+                contraction_rate_per_s: 0.0,
+                direction: 0.0,
+                pressure: GaugePa(pressure_pa[row]),
+            };
+            let fading = term.fading(&at, &muscle.law);
+            own.resize(fading.len(), Vec::new());
+            for (state, (size_n, time_constant_s)) in own.iter_mut().zip(fading) {
+                let left = (-(time_s[row] - time_s[0]) / time_constant_s).exp();
+                state.push(size_n * left);
+            }
+        }
+        all.extend(own);
+    }
+    Ok(all)
+}
+
+/// `residuals` without what unknown states at the begin explain of them, which act as `fading`, in
+/// the same units.
+pub fn forgotten(mut residuals: Residuals, fading: &[Vec<f64>]) -> Residuals {
+    if fading.is_empty() {
+        return residuals;
+    }
+    let (rows, states) = (residuals.values.len(), fading.len());
+    let slopes = Slopes {
+        values: DMatrix::from_fn(rows, states, |row, state| fading[state][row]),
+        slack: DMatrix::zeros(rows, states),
+    };
+    let linearized = Linearized {
+        residuals: &residuals,
+        slopes: &slopes,
+        priors: &vec![(0.0, SPREAD.recip()); states],
+        damping: DVector::zeros(states),
+    };
+    let change = &slopes.values * linearized.minimum();
+    for (value, change) in residuals.values.iter_mut().zip(&change) {
+        *value += change;
+    }
+    residuals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fades_is_forgotten_and_what_stays_is_not() {
+        let rows = 0..400;
+        let fading: Vec<f64> = rows
+            .map(|row| 30.0 * (-0.02 * f64::from(row)).exp())
+            .collect();
+        let fading = vec![fading];
+        let of = |begun: f64, stays: f64| {
+            let row =
+                |(row, fading): (usize, &f64)| begun * fading + stays * (0.3 * row as f64).sin();
+            Residuals::exact(fading[0].iter().enumerate().map(row).collect())
+        };
+        let size = |residuals: &Residuals| {
+            let squares = residuals.values.iter().map(|value| value * value);
+            (squares.sum::<f64>() / 400.0).sqrt()
+        };
+        assert!(size(&of(0.4, 0.0)) > 2.0);
+        assert!(size(&forgotten(of(0.4, 0.0), &fading)) < 0.01);
+        let left = size(&forgotten(of(0.4, 1.0), &fading));
+        assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
+    }
+}
