@@ -32,8 +32,10 @@ use std::ops::{ControlFlow, Range};
 const KERNEL_S: f64 = 0.04;
 /// The kernel reaches so many widths.
 const KERNEL_REACH: f64 = 4.0;
-/// Residuals through the kernel stand so far apart that neighbours hardly share noise \[s\].
-const SPACING_S: f64 = 2.5 * KERNEL_S;
+/// The same in a fall onto the stop, which takes a tenth of a second \[s\].
+const FALL_KERNEL_S: f64 = 0.01;
+/// Residuals through a kernel stand so many widths apart: neighbours hardly share noise.
+const SPACING: f64 = 2.5;
 /// The begin of a record that is not compared, as the gas may not have been at rest \[s\].
 const SKIP_S: f64 = 0.6;
 /// Tolerance of the simulations.
@@ -193,8 +195,8 @@ struct Prepared {
 }
 
 /// Which way the muscle surely takes an encoder with play along: +1, −1, or 0 where it may not.
-/// From one row to the next, or over more where the motion is slow.
-fn contacts(contraction: &[f64], noise: f64) -> Vec<f64> {
+/// Over one of the `reaches`, numbers of rows: slow motion shows over many only.
+fn contacts(contraction: &[f64], noise: f64, reaches: &[usize]) -> Vec<f64> {
     let last = contraction.len() - 1;
     let moved = |from: usize, to: usize| {
         let way = contraction[to] - contraction[from];
@@ -205,12 +207,12 @@ fn contacts(contraction: &[f64], noise: f64) -> Vec<f64> {
         }
     };
     let contact = |row: usize| {
-        let ways = CONTACT_ROWS.map(|reach| {
-            let (from, to) = (row.saturating_sub(reach), (row + reach).min(last));
+        let mut ways = reaches.iter().map(|reach| {
+            let (from, to) = (row.saturating_sub(*reach), (row + reach).min(last));
             let (before, after) = (moved(from, row), moved(row, to));
             if before == after { before } else { 0.0 }
         });
-        ways.into_iter().find(|way| *way != 0.0).unwrap_or(0.0)
+        ways.find(|way| *way != 0.0).unwrap_or(0.0)
     };
     (0..=last).map(contact).collect()
 }
@@ -762,7 +764,7 @@ impl Prepared {
         }
         self.sides = bridged(
             record.time_s(),
-            &contacts(contraction, self.noise.contraction),
+            &contacts(contraction, self.noise.contraction, &CONTACT_ROWS),
             record.column(PRESSURE_PA),
         );
     }
@@ -782,7 +784,7 @@ impl Prepared {
             let rests = self.directions[from..to].iter().all(|d| *d == 0.0);
             if time_s[row] >= next_s && rests && (from..to).all(loose) {
                 self.stops.push(row);
-                next_s = time_s[row] + SPACING_S;
+                next_s = time_s[row] + SPACING * KERNEL_S;
             }
         }
     }
@@ -810,55 +812,76 @@ impl Prepared {
         ) else {
             return;
         };
+        let present = |kernel: &Kernel| {
+            let mut rows = kernel.rows.clone();
+            rows.len() >= 5 && rows.all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan())
+        };
+        // An encoder with an offset or with play reads something else than 0 on the stop.
         let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
+        let lifted = |kernel: &Kernel| {
+            let mut rows = kernel.rows.clone();
+            rows.all(|r| contraction[r] > lowest + STOP_REACH)
+        };
+        // Whatever it reads there, it does not fall on.
+        let ways = contacts(contraction, self.noise.contraction, &[1]);
+        let falls = |kernel: &Kernel| kernel.rows.clone().all(|r| ways[r] < 0.0);
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
-        let count = ((last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S) / SPACING_S).max(0.0);
-        for number in 0..count as usize {
-            let at_s = first_s + SKIP_S + number as f64 * SPACING_S;
-            let kernel = Kernel::at(time_s, at_s, KERNEL_S);
-            let rows = kernel.rows.clone();
-            let present = rows
-                .clone()
-                .all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan());
-            // An encoder with an offset or with play reads something else than 0 on the stop.
-            let lifted = rows.clone().all(|r| contraction[r] > lowest + STOP_REACH);
-            if rows.len() < 5 || !present || !lifted {
-                continue;
-            }
-            let middle = rows.start + rows.len() / 2;
-            let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
-            let per_pressure_m2 = rig.muscle.force_per_pressure_m2(at);
-            let stiffness_n = (rig.muscle.force_n(at + 1e-4, pressure)
-                - rig.muscle.force_n(at - 1e-4, pressure))
-                / 2e-4;
-            let length_m = rig.muscle.initial_length_m;
-            let by_contraction: Vec<f64> = (0..rows.len())
-                .map(|i| {
-                    stiffness_n * kernel.value[i]
-                        - weight.mass_kg * length_m * kernel.second[i]
-                        - weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
-                })
-                .collect();
-            let from_pressure_n = per_pressure_m2 * self.noise.pressure_pa * norm(&kernel.value);
-            let from_contraction_n = self.noise.contraction * norm(&by_contraction);
-            // Between samples the pressure is taken to be straight.
-            let bent = |row: usize| {
-                let at = |row: usize| pressure_pa[row.min(pressure_pa.len() - 1)];
-                let second = at(row + 1) - 2.0 * at(row) + at(row.saturating_sub(1));
-                (second.abs() - 3.0 * self.noise.pressure_pa).max(0.0) / 12.0
-            };
-            let weights = kernel.value.iter().zip(rows.clone());
-            let from_sampling_n =
-                per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
-            let noise_n = from_pressure_n
-                .hypot(from_contraction_n)
-                .hypot(from_sampling_n)
-                .hypot(FORCE_FLOOR_N);
-            self.places.push(Place {
-                per_noise: 1.0 / noise_n,
-                kernel,
-            });
-        }
+        let whole_s = last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S;
+        let kernels = |width_s: f64| {
+            let spacing_s = SPACING * width_s;
+            let count = (whole_s / spacing_s).max(0.0) as usize;
+            let times_s = (0..count).map(move |n| first_s + SKIP_S + n as f64 * spacing_s);
+            times_s.map(move |at_s| Kernel::at(time_s, at_s, width_s))
+        };
+        let wide = kernels(KERNEL_S).filter(|kernel| present(kernel) && lifted(kernel));
+        // A fall onto the stop leaves no room for the wide kernel, and shows best what a muscle does
+        // that would have to push.
+        let narrow = kernels(FALL_KERNEL_S).filter(|kernel| {
+            let about = || Kernel::at(time_s, time_s[kernel.middle()], KERNEL_S);
+            present(kernel) && falls(kernel) && !lifted(&about())
+        });
+        let mut kernels: Vec<Kernel> = wide.chain(narrow).collect();
+        kernels.sort_by_key(Kernel::middle);
+        let places = kernels.into_iter().map(|kernel| Place {
+            per_noise: self.balance_noise_n(rig, weight, &kernel).recip(),
+            kernel,
+        });
+        self.places = places.collect();
+    }
+
+    /// Standard deviation of the noise of the balance of forces through `kernel` \[N\].
+    fn balance_noise_n(&self, rig: &Rig, weight: &Weight, kernel: &Kernel) -> f64 {
+        let column = |name| self.measured.column(name).unwrap_or_default();
+        let (contraction, pressure_pa) = (column(CONTRACTION), column(PRESSURE_PA));
+        let middle = kernel.middle();
+        let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
+        let per_pressure_m2 = rig.muscle.force_per_pressure_m2(at);
+        let stiffness_n = (rig.muscle.force_n(at + 1e-4, pressure)
+            - rig.muscle.force_n(at - 1e-4, pressure))
+            / 2e-4;
+        let length_m = rig.muscle.initial_length_m;
+        let by_contraction: Vec<f64> = (0..kernel.rows.len())
+            .map(|i| {
+                stiffness_n * kernel.value[i]
+                    - weight.mass_kg * length_m * kernel.second[i]
+                    - weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
+            })
+            .collect();
+        let from_pressure_n = per_pressure_m2 * self.noise.pressure_pa * norm(&kernel.value);
+        let from_contraction_n = self.noise.contraction * norm(&by_contraction);
+        // Between samples the pressure is taken to be straight.
+        let bent = |row: usize| {
+            let at = |row: usize| pressure_pa[row.min(pressure_pa.len() - 1)];
+            let second = at(row + 1) - 2.0 * at(row) + at(row.saturating_sub(1));
+            (second.abs() - 3.0 * self.noise.pressure_pa).max(0.0) / 12.0
+        };
+        let weights = kernel.value.iter().zip(kernel.rows.clone());
+        let from_sampling_n =
+            per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
+        from_pressure_n
+            .hypot(from_contraction_n)
+            .hypot(from_sampling_n)
+            .hypot(FORCE_FLOOR_N)
     }
 }
 
