@@ -93,14 +93,15 @@ impl Choice {
     }
 }
 
-/// What a block has above its noise: cost of fitted and predicted residuals.
+/// What residuals have above their noise.
+fn excess_in(tally: &Tally) -> f64 {
+    (tally.cost - 0.5 * NOISE_ONLY * tally.count as f64).max(0.0)
+}
+
+/// What a block has above its noise, fitted and predicted.
 fn excess_of(fit: &Fit, block: usize) -> f64 {
     let parts = fit.parts.iter().filter(|part| part.block == block);
-    let excess = parts.map(|part| {
-        let Tally { cost, count } = part.total();
-        cost - 0.5 * NOISE_ONLY * count as f64
-    });
-    excess.sum::<f64>().max(0.0)
+    parts.map(|part| excess_in(&part.total())).sum()
 }
 
 fn excess(fit: &Fit) -> f64 {
@@ -386,24 +387,30 @@ impl<M: Model> Search<'_, '_, M> {
         let mut others = hypothesis.candidates.clone();
         let own = others.remove(place);
         let tied = self.engine.tied(hypothesis, own);
+        let blocks = &self.engine.model.candidates()[own].blocks;
+        let parts = without.fit.parts.iter();
+        let parts = parts.filter(|part| blocks.contains(&part.block));
+        let left: f64 = parts.clone().map(|part| excess_in(&part.fitted)).sum();
+        // Where nothing is left of what is fitted, the effect may not have been moved there, and
+        // what is predicted decides.
+        let (records, left, gain) = if left > 0.0 {
+            (self.engine.model.fitted(), left, 0.5 * GAIN)
+        } else {
+            let left = parts.map(|part| excess_in(&part.total())).sum();
+            (self.engine.model.records(), left, GAIN)
+        };
         let costs = || {
-            let with = self.engine.reshaped(hypothesis, &others, &tied)?;
-            let plain = self.engine.reshaped(without, &[], &tied)?;
-            let without = self.engine.reshaped(without, &without.candidates, &tied)?;
+            let of = (records, &tied[..]);
+            let with = self.engine.reshaped(hypothesis, &others, of)?;
+            let plain = self.engine.reshaped(without, &[], of)?;
+            let without = self.engine.reshaped(without, &without.candidates, of)?;
             Some((with, plain, without))
         };
         costs().is_some_and(|(with, plain, reshaped)| {
-            let blocks = &self.engine.model.candidates()[own].blocks;
-            let parts = without.fit.parts.iter();
-            let left = parts
-                .filter(|part| blocks.contains(&part.block))
-                .map(|part| {
-                    (part.fitted.cost - 0.5 * NOISE_ONLY * part.fitted.count as f64).max(0.0)
-                });
-            let left = left.sum::<f64>() - (plain - reshaped);
+            let left = left - (plain - reshaped);
             // More than another form, too, or a good part of all.
             let of_form = (plain - reshaped).min(SHARE_OF_REST * reshaped);
-            reshaped - with >= (0.5 * GAIN).max(SHARE_OF_MEMBER * left).max(of_form)
+            reshaped - with >= gain.max(SHARE_OF_MEMBER * left).max(of_form)
         })
     }
 

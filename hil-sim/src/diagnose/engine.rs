@@ -249,6 +249,8 @@ struct Problem<'a, M> {
     /// The nominal values that are free.
     free: &'a [usize],
     candidates: &'a [usize],
+    /// The records whose residuals count, from the first on.
+    records: usize,
     /// The nominal values are held for now.
     held: bool,
 }
@@ -265,6 +267,7 @@ impl<'a, M: Model> Problem<'a, M> {
             blocks,
             free,
             candidates,
+            records: model.fitted(),
             held: false,
         }
     }
@@ -300,7 +303,7 @@ impl<'a, M: Model> Problem<'a, M> {
     }
 
     fn pieces(&self) -> impl Iterator<Item = (usize, usize)> + use<'a, M> {
-        let (records, blocks) = (0..self.model.fitted(), self.blocks);
+        let (records, blocks) = (0..self.records, self.blocks);
         records.flat_map(move |record| blocks.iter().map(move |block| (record, *block)))
     }
 
@@ -384,7 +387,7 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
             moved[place] += step;
             let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
             let moves = |block| self.moves(place, block);
-            let change = change(self.model, self.blocks, &moves, with, base)?;
+            let change = change(self.model, (self.records, self.blocks), &moves, with, base)?;
             slopes
                 .values
                 .set_column(place, &(change.values.column(0) / step));
@@ -416,11 +419,11 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
     }
 }
 
-/// How what is fitted of `blocks` changes from `base` with other nominal values and effects, where
-/// they move a block at all.
+/// How `blocks` over the first `records` change from `base` with other nominal values and effects,
+/// where they move a block at all.
 fn change<M: Model>(
     model: &M,
-    blocks: &[usize],
+    (records, blocks): (usize, &[usize]),
     moves: &dyn Fn(usize) -> bool,
     (nominal, effects): (&[f64], &[Active]),
     base: &Residuals,
@@ -428,7 +431,7 @@ fn change<M: Model>(
     let mut values = DMatrix::zeros(base.values.len(), 1);
     let mut slack = values.clone();
     let mut row = 0;
-    for record in 0..model.fitted() {
+    for record in 0..records {
         for block in blocks {
             if !moves(*block) {
                 row += model.rows(record, *block);
@@ -778,7 +781,8 @@ impl<'a, M: Model> Engine<'a, M> {
                     let with = (&base.fit.nominal[..], &with[..]);
                     let moves = |block| candidate.blocks.contains(&block);
                     let residuals = &found.residuals;
-                    let change = change(self.model, &touched.0, &moves, with, residuals)?;
+                    let pieces = (self.model.fitted(), &touched.0[..]);
+                    let change = change(self.model, pieces, &moves, with, residuals)?;
                     let linearized = Linearized {
                         residuals: &found.residuals,
                         slopes: &slopes.beside(&change),

@@ -16,20 +16,21 @@ const RESHAPED: f64 = 0.2;
 const RESHAPINGS: [f64; 5] = [1e-6, 0.03, 0.3, 3.0, 30.0];
 
 impl<M: Model> Engine<'_, M> {
-    /// What `hypothesis` would cost over what is fitted if the candidates `reshaped` had other
+    /// What `hypothesis` would cost over the first `records` if the candidates `reshaped` had other
     /// forms; only of the groups of blocks that have some of `of`.
     pub fn reshaped(
         &self,
         hypothesis: &Hypothesis,
         reshaped: &[usize],
-        of: &[usize],
+        (records, of): (usize, &[usize]),
     ) -> Option<f64> {
         let groups = self.groups(&hypothesis.candidates).into_iter();
         let own = groups.filter(|(blocks, _)| of.iter().any(|block| blocks.contains(block)));
         let costs = own.map(|(blocks, candidates)| {
             let reshaped = reshaped.iter().copied();
             let own: Vec<usize> = reshaped.filter(|c| candidates.contains(c)).collect();
-            self.group_reshaped(hypothesis, (&blocks, &candidates), &own)
+            let group = (records, &blocks[..], &candidates[..]);
+            self.group_reshaped(hypothesis, group, &own)
         });
         costs.sum()
     }
@@ -45,12 +46,13 @@ impl<M: Model> Engine<'_, M> {
     fn group_reshaped(
         &self,
         hypothesis: &Hypothesis,
-        (blocks, candidates): (&[usize], &[usize]),
+        (records, blocks, candidates): (usize, &[usize], &[usize]),
         reshaped: &[usize],
     ) -> Option<f64> {
         let free = self.free(blocks);
         let x = self.coordinates(hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        problem.records = records;
         let found = at(&mut problem, DVector::from_vec(x))?;
         if reshaped.is_empty() {
             return Some(found.cost);
@@ -59,7 +61,7 @@ impl<M: Model> Engine<'_, M> {
         let mut priors = problem.priors(&found.x);
         let own = priors.len();
         for candidate in reshaped {
-            for share in self.shares(blocks, hypothesis, *candidate, &found) {
+            for share in self.shares((records, blocks), hypothesis, *candidate, &found) {
                 slopes = slopes.beside(&share);
                 priors.push((0.0, 0.0));
             }
@@ -87,7 +89,7 @@ impl<M: Model> Engine<'_, M> {
     /// gives way to the same effect at another scale; what has no solution is left out.
     fn shares(
         &self,
-        blocks: &[usize],
+        pieces: (usize, &[usize]),
         hypothesis: &Hypothesis,
         number: usize,
         found: &Found,
@@ -100,11 +102,11 @@ impl<M: Model> Engine<'_, M> {
             let with = [&others[..], own].concat();
             let with = (&hypothesis.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
-            change(self.model, blocks, &moves, with, &found.residuals)
+            change(self.model, pieces, &moves, with, &found.residuals)
         };
         let mut shares = Vec::new();
         if let Some(whole) = with(&[]) {
-            let shapes = self.shapes(blocks).into_iter();
+            let shapes = self.shapes(pieces).into_iter();
             shares.extend(shapes.map(|shape| Slopes {
                 values: whole.values.component_mul(&shape),
                 slack: whole.slack.component_mul(&shape),
@@ -126,12 +128,12 @@ impl<M: Model> Engine<'_, M> {
         shares
     }
 
-    /// One, and the quantities beside the residuals of `blocks` over what is fitted, from −1 to 1;
+    /// One, and the quantities beside the residuals of `blocks` over `records`, from −1 to 1;
     /// without direction and time, by which other effects are told.
-    fn shapes(&self, blocks: &[usize]) -> Vec<DMatrix<f64>> {
+    fn shapes(&self, (records, blocks): (usize, &[usize])) -> Vec<DMatrix<f64>> {
         let mut shapes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
         let mut rows = 0;
-        for record in 0..self.model.fitted() {
+        for record in 0..records {
             for block in blocks {
                 for coordinate in self.model.context(record, *block) {
                     if !["time", "direction"].contains(&coordinate.name) {
