@@ -17,6 +17,8 @@ use nalgebra::{DMatrix, DVector};
 
 /// Standard deviation of what a state may be off by, in units of its drive's usual size.
 const SPREAD: f64 = 0.5;
+/// States at the begin that are unknown at most: of a creep, and the memory of a hysteresis.
+pub const UNKNOWNS: usize = 5;
 /// Muscle alone, on measured pressure and contraction.
 const FORCE_ALONE: Simulated = Simulated {
     pressure: false,
@@ -54,27 +56,33 @@ pub fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
     Ok(all)
 }
 
-/// `residuals` without what unknown states at the begin explain of them, which act as `fading`, in
-/// the same units.
-pub fn forgotten(mut residuals: Residuals, fading: &[Vec<f64>]) -> Residuals {
-    if fading.is_empty() {
-        return residuals;
+/// `residuals` without what unknown states at the begin explain of them, which act as `unknown`, in
+/// the same units; what these then are follows, in standard deviations, as [`UNKNOWNS`] more: who
+/// needs an unlikely begin is no better for it.
+pub fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>]) -> Residuals {
+    let mut deviations = vec![0.0; UNKNOWNS];
+    if !unknown.is_empty() {
+        let (rows, states) = (residuals.values.len(), unknown.len());
+        let slopes = Slopes {
+            values: DMatrix::from_fn(rows, states, |row, state| unknown[state][row]),
+            slack: DMatrix::zeros(rows, states),
+        };
+        let linearized = Linearized {
+            residuals: &residuals,
+            slopes: &slopes,
+            priors: &vec![(0.0, SPREAD.recip()); states],
+            damping: DVector::zeros(states),
+        };
+        let states = linearized.minimum();
+        let change = &slopes.values * &states;
+        for (value, change) in residuals.values.iter_mut().zip(&change) {
+            *value += change;
+        }
+        for (deviation, state) in deviations.iter_mut().zip(&states) {
+            *deviation = state / SPREAD;
+        }
     }
-    let (rows, states) = (residuals.values.len(), fading.len());
-    let slopes = Slopes {
-        values: DMatrix::from_fn(rows, states, |row, state| fading[state][row]),
-        slack: DMatrix::zeros(rows, states),
-    };
-    let linearized = Linearized {
-        residuals: &residuals,
-        slopes: &slopes,
-        priors: &vec![(0.0, SPREAD.recip()); states],
-        damping: DVector::zeros(states),
-    };
-    let change = &slopes.values * linearized.minimum();
-    for (value, change) in residuals.values.iter_mut().zip(&change) {
-        *value += change;
-    }
+    residuals.extend(Residuals::exact(deviations));
     residuals
 }
 
@@ -99,7 +107,12 @@ mod tests {
             (squares.sum::<f64>() / 400.0).sqrt()
         };
         assert!(size(&of(0.4, 0.0)) > 2.0);
-        assert!(size(&forgotten(of(0.4, 0.0), &fading)) < 0.01);
+        let mut forgiven = forgotten(of(0.4, 0.0), &fading);
+        // What it took is told: -0.4 of a state that is known to within 0.5.
+        let told = forgiven.values.split_off(400);
+        assert_eq!(told.len(), UNKNOWNS);
+        assert!((told[0] + 0.8).abs() < 0.01, "{told:?}");
+        assert!(size(&forgiven) < 0.01);
         let left = size(&forgotten(of(0.4, 1.0), &fading));
         assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
     }

@@ -8,7 +8,7 @@
 
 use super::Calibrated;
 use super::along::Along;
-use super::begin::{fading_n, forgotten};
+use super::begin::{UNKNOWNS, fading_n, forgotten};
 use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
@@ -437,6 +437,16 @@ impl MuscleModel {
             _ if self.blocks.contains(&FORCE) => vec![LOAD],
             // One balance of forces for both.
             _ => vec!["muscle-force", LOAD],
+        }
+    }
+
+    /// How many unknown states at the begin are told with the balance of the load: where it stands
+    /// for the muscle's force, too.
+    fn unknowns(&self) -> usize {
+        if self.blocks.contains(&FORCE) {
+            0
+        } else {
+            UNKNOWNS
         }
     }
 
@@ -987,8 +997,8 @@ impl Model for MuscleModel {
         let record = &self.records[record];
         match self.blocks[block] {
             GAS => record.gas_rows.len(),
-            FORCE => record.force_rows.len(),
-            _ => record.places.len() + record.stops.len(),
+            FORCE => record.force_rows.len() + UNKNOWNS,
+            _ => record.places.len() + self.unknowns() + record.stops.len(),
         }
     }
 
@@ -1031,10 +1041,12 @@ impl Model for MuscleModel {
         let record = &self.records[record];
         let rows: Vec<usize> = match self.blocks[block] {
             GAS => record.gas_rows.clone(),
-            FORCE => record.force_rows.clone(),
+            FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
             _ => {
                 let places = record.places.iter().map(|place| place.kernel.middle());
-                places.chain(record.stops.iter().copied()).collect()
+                let unknown = std::iter::repeat_n(0, self.unknowns());
+                let rows = places.chain(unknown);
+                rows.chain(record.stops.iter().copied()).collect()
             }
         };
         let time_s = record.measured.time_s();
@@ -1066,44 +1078,50 @@ impl Model for MuscleModel {
         effects: &[Active],
     ) -> Option<Residuals> {
         let record = &self.records[record];
-        let rig = self.fitted(nominal, effects);
+        let mut rig = self.fitted(nominal, effects);
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
-            FORCE => remembering(&rig, |memory| force_residuals(record, rig.clone(), memory)),
-            LOAD if self.blocks.contains(&FORCE) => self.load_residuals(record, rig, None),
-            _ => remembering(&rig, |memory| {
-                self.load_residuals(record, rig.clone(), memory)
-            }),
+            FORCE => begun_best(&rig, |memory| force_residuals(record, rig.clone(), memory)),
+            _ => {
+                let balance = |memory| self.balances(record, rig.clone(), memory);
+                let mut residuals = if self.blocks.contains(&FORCE) {
+                    balance(None)?.0
+                } else {
+                    begun_best(&rig, balance)?
+                };
+                rig.load = Load::Prescribed;
+                residuals.extend(record.stop_residuals(&rig)?);
+                Some(residuals)
+            }
         }
     }
 }
 
-/// `residuals` of `rig` with the memory that fits best of those that a motion before the record may
-/// have left. They are taken to change in proportion to it.
-fn remembering(
-    rig: &Rig,
-    residuals: impl Fn(Option<f64>) -> Option<Residuals>,
-) -> Option<Residuals> {
+/// Residuals, and how each state at the begin that is unknown changes them.
+type Begun = (Residuals, Vec<Vec<f64>>);
+
+/// Residuals of `rig` that began as fits best: of what a motion before may have left in effects
+/// with a memory, which is taken to act in proportion, and in those that fade.
+fn begun_best(rig: &Rig, begun: impl Fn(Option<f64>) -> Option<Begun>) -> Option<Residuals> {
     let mut effects = rig.effects.iter();
     let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
         Term::Muscle(term) => term.remembers(),
         _ => false,
     });
     if !remembers {
-        return residuals(None);
+        let (residuals, unknown) = begun(None)?;
+        return Some(forgotten(residuals, &unknown));
     }
-    let (out, drawn_in) = (residuals(Some(-1.0))?, residuals(Some(1.0))?);
+    let ((out, mut unknown), (drawn_in, _)) = (begun(Some(-1.0))?, begun(Some(1.0))?);
     let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
     };
+    unknown.push(half(&out.values, &drawn_in.values, -1.0));
     let middle = Residuals {
         values: half(&out.values, &drawn_in.values, 1.0),
         slack: half(&out.slack, &drawn_in.slack, 1.0),
     };
-    Some(forgotten(
-        middle,
-        &[half(&out.values, &drawn_in.values, -1.0)],
-    ))
+    Some(forgotten(middle, &unknown))
 }
 
 /// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
@@ -1167,7 +1185,7 @@ fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     ))
 }
 
-fn force_residuals(record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Option<Residuals> {
+fn force_residuals(record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Option<Begun> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
     let forces_n = record.forces_n(&rig, memory)?;
@@ -1183,15 +1201,13 @@ fn force_residuals(record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Opti
         )
     };
     let rows = record.force_rows.iter().zip(&record.per_force_noise);
-    let (values, slack) = rows.map(residual).unzip();
-    let rows = record.force_rows.iter().zip(&record.per_force_noise);
-    let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+    let (values, slack) = rows.clone().map(residual).unzip();
+    let unknown = record.fading_n(&rig)?.into_iter().map(|fading_n| {
         let rows = rows.clone();
         rows.map(|(row, per_noise)| fading_n[*row] * per_noise)
             .collect()
     });
-    let fading: Vec<Vec<f64>> = fading.collect();
-    Some(forgotten(Residuals { values, slack }, &fading))
+    Some((Residuals { values, slack }, unknown.collect()))
 }
 
 /// The weight of `rig` with its effects, and how many states they have.
@@ -1244,12 +1260,7 @@ impl MuscleModel {
     }
 
     /// How far the balance of forces on the weight lies outside what friction can take up.
-    fn load_residuals(
-        &self,
-        record: &Prepared,
-        mut rig: Rig,
-        memory: Option<f64>,
-    ) -> Option<Residuals> {
+    fn balances(&self, record: &Prepared, mut rig: Rig, memory: Option<f64>) -> Option<Begun> {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
@@ -1301,19 +1312,18 @@ impl MuscleModel {
             (balance_n * place.per_noise, reach_n * place.per_noise)
         });
         let (values, slack) = residuals.unzip();
-        let mut residuals = Residuals { values, slack };
-        if !self.blocks.contains(&FORCE) {
-            let fading = record.fading_n(&rig)?.into_iter().map(|fading_n| {
-                let places = record.places.iter();
-                places
-                    .map(|place| place.kernel.value(&fading_n) * place.per_noise)
-                    .collect()
-            });
-            let fading: Vec<Vec<f64>> = fading.collect();
-            residuals = forgotten(residuals, &fading);
-        }
-        rig.load = Load::Prescribed;
-        residuals.extend(record.stop_residuals(&rig)?);
-        Some(residuals)
+        // A measured force has them in it.
+        let fading = if self.blocks.contains(&FORCE) {
+            Vec::new()
+        } else {
+            record.fading_n(&rig)?
+        };
+        let unknown = fading.into_iter().map(|fading_n| {
+            let places = record.places.iter();
+            places
+                .map(|place| place.kernel.value(&fading_n) * place.per_noise)
+                .collect()
+        });
+        Some((Residuals { values, slack }, unknown.collect()))
     }
 }
