@@ -95,7 +95,7 @@ impl Choice {
 
 /// What residuals have above their noise.
 fn excess_in(tally: &Tally) -> f64 {
-    (tally.cost - 0.5 * NOISE_ONLY * tally.count as f64).max(0.0)
+    (tally.outside - 0.5 * NOISE_ONLY * tally.count as f64).max(0.0)
 }
 
 /// What a block has above its noise, fitted and predicted.
@@ -375,9 +375,25 @@ impl<M: Model> Search<'_, '_, M> {
                 let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
                 lost <= GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
                     && hypothesis.fit.free_run < without.fit.free_run + GAIN
+                    && self.agreed(hypothesis, place, without)
                     && self.score(without) - own >= self.asked(hypothesis, place, without)
                     && self.beyond_form(hypothesis, place, without)
             })
+        })
+    }
+
+    /// Whether no block that the member at `place` of `hypothesis` changes is worse for it: an
+    /// encoder or a line is the same to gas, force and load.
+    fn agreed(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
+        let blocks = &self.engine.model.candidates()[hypothesis.candidates[place]].blocks;
+        blocks.iter().all(|block| {
+            let of = |h: &Hypothesis| {
+                let part = h.fit.parts.iter().find(|part| part.block == *block);
+                part.map(Part::total).unwrap_or_default()
+            };
+            let (with, without) = (of(hypothesis), of(without));
+            let doubt = self.engine.model.doubt_of_noise(*block) * 0.5 * with.count as f64;
+            with.outside - without.outside <= GAIN.max(doubt)
         })
     }
 
@@ -430,7 +446,7 @@ impl<M: Model> Search<'_, '_, M> {
         };
         let cost = |h: &Hypothesis| -> f64 {
             let parts = h.fit.parts.iter().filter(beside);
-            parts.map(|part| part.total().cost).sum()
+            parts.map(|part| part.total().outside).sum()
         };
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
         let rest = SHARE_OF_WHOLE * cost(without);

@@ -8,7 +8,8 @@
 mod reshaped;
 
 use super::least_squares::{
-    Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, loss, minimize, weight,
+    Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
+    weight,
 };
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -125,7 +126,9 @@ pub trait Model: Sync {
 /// Half a sum of squares, tamed, and of how many residuals.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
-    /// Half the sum.
+    /// Half the sum of what lies outside dead zones.
+    pub outside: f64,
+    /// The same with the noise that dead zones hide: a wider one must not be better by that alone.
     pub cost: f64,
     /// How many.
     pub count: usize,
@@ -453,14 +456,18 @@ fn change<M: Model>(
 
 /// Cost of residuals.
 fn tally(residuals: &Residuals) -> Tally {
+    let outside: f64 = residuals.outside().map(loss).sum();
+    let hidden: f64 = residuals.slack.iter().map(|slack| hidden(*slack)).sum();
     Tally {
-        cost: residuals.outside().map(loss).sum(),
+        outside,
+        cost: outside + hidden,
         count: residuals.values.len(),
     }
 }
 
 impl std::ops::AddAssign for Tally {
     fn add_assign(&mut self, other: Tally) {
+        self.outside += other.outside;
         self.cost += other.cost;
         self.count += other.count;
     }

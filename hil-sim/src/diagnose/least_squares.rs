@@ -78,6 +78,12 @@ pub fn loss(residual: f64) -> f64 {
     }
 }
 
+/// What a dead zone of so many standard deviations takes of half the square of the noise, 0.5, on
+/// average: all but (1 + s²) Q(s) − s φ(s) for a normal one, here to 0.003.
+pub fn hidden(slack: f64) -> f64 {
+    0.5 - 0.5 * (-1.596 * slack - 0.27 * slack * slack).exp()
+}
+
 /// How residuals change with coordinates: rows by coordinates, of values and of slacks.
 #[derive(Clone, Debug)]
 pub struct Slopes {
@@ -441,6 +447,23 @@ mod tests {
         absolute: 1e-6,
         evaluations: 20,
     };
+
+    #[test]
+    fn a_dead_zone_hides_what_it_takes_of_normal_noise() {
+        for slack in [0.0, 0.1, 0.3, 1.0, 2.0, 5.0] {
+            let density = |z: f64| (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+            let noise = (-8000..8000).map(|i| 1e-3 * f64::from(i));
+            let seen: f64 = noise
+                .map(|z| 1e-3 * density(z) * 0.5 * outside(z, slack).powi(2))
+                .sum();
+            assert!(
+                (hidden(slack) - (0.5 - seen)).abs() < 0.003,
+                "{slack}: {} against {}",
+                hidden(slack),
+                0.5 - seen
+            );
+        }
+    }
 
     #[test]
     fn a_valley_between_dead_zones_is_followed_to_its_end() {

@@ -371,8 +371,8 @@ fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
 fn blocks(model: &MuscleModel, null: &Hypothesis, taken: &Hypothesis) -> Vec<BlockOf> {
     let mean = |h: &Hypothesis, block: usize| {
         let part = h.fit.parts.iter().find(|part| part.block == block);
-        let Tally { cost, count } = part.map(Part::total).unwrap_or_default();
-        2.0 * cost / count.max(1) as f64
+        let Tally { outside, count, .. } = part.map(Part::total).unwrap_or_default();
+        2.0 * outside / count.max(1) as f64
     };
     let of = |(block, name): (usize, &&'static str)| BlockOf {
         block: name,

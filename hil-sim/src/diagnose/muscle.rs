@@ -177,8 +177,10 @@ struct Prepared {
     directions: Vec<f64>,
     /// Of each row: where the contraction has surely moved to \[-\].
     path: Vec<f64>,
-    /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1.
+    /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1; and
+    /// whether the muscle surely takes the encoder along.
     sides: Vec<f64>,
+    in_contact: Vec<bool>,
     /// Rows in which pressure and force are compared.
     gas_rows: Vec<usize>,
     force_rows: Vec<usize>,
@@ -608,9 +610,11 @@ impl Prepared {
         let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
             return Cow::Borrowed(record);
         };
-        let place = |side: &f64| may.filter(|_| side.abs() < 1.0).unwrap_or(*side);
-        let pairs = contraction.iter().zip(&self.sides);
-        let true_contraction = pairs.map(|(c, side)| c + play * place(side)).collect();
+        let place = |row: usize| may.filter(|_| !self.in_contact[row]);
+        let rows = contraction.iter().zip(&self.sides).enumerate();
+        let true_contraction = rows
+            .map(|(row, (c, side))| c + play * place(row).unwrap_or(*side))
+            .collect();
         let mut record = record.clone();
         record.set(CONTRACTION, true_contraction);
         Cow::Owned(record)
@@ -687,6 +691,7 @@ impl Prepared {
             directions: vec![0.0; contraction.len()],
             path: Vec::with_capacity(contraction.len()),
             sides: vec![0.0; contraction.len()],
+            in_contact: vec![true; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
             per_force_noise: Vec::new(),
@@ -772,11 +777,10 @@ impl Prepared {
                 self.directions[row] = rate_per_s.signum();
             }
         }
-        self.sides = bridged(
-            record.time_s(),
-            &contacts(contraction, self.noise.contraction, &CONTACT_ROWS),
-            record.column(PRESSURE_PA),
-        );
+        let contacts = contacts(contraction, self.noise.contraction, &CONTACT_ROWS);
+        // Between two contacts on one side the muscle may have been at the other.
+        self.in_contact = contacts.iter().map(|way| *way != 0.0).collect();
+        self.sides = bridged(record.time_s(), &contacts, record.column(PRESSURE_PA));
     }
 
     /// Where the weight rests on its stop.
@@ -844,8 +848,8 @@ impl Prepared {
             times_s.map(move |at_s| Kernel::at(time_s, at_s, width_s))
         };
         let wide = kernels(KERNEL_S).filter(|kernel| present(kernel) && lifted(kernel));
-        // A fall onto the stop leaves no room for the wide kernel, and shows best what a muscle does
-        // that would have to push.
+        // A fall onto the stop leaves no room for the wide kernel; there alone would a muscle have
+        // to push.
         let narrow = kernels(FALL_KERNEL_S).filter(|kernel| {
             let about = || Kernel::at(time_s, time_s[kernel.middle()], KERNEL_S);
             present(kernel) && falls(kernel) && !lifted(&about())
