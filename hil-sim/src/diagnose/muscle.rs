@@ -74,6 +74,8 @@ const MOTION_NOISES: f64 = 5.0;
 const MOTION_STOPS: f64 = 8.0;
 /// Share of a nominal value that is left at least.
 const LEAST_SHARE: f64 = 0.05;
+/// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
+const LEAST_SHARE_OF_MASS: f64 = 0.5;
 /// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
 /// rows between them would cost time and tell little.
 const PERIOD_S: f64 = 0.008;
@@ -1301,6 +1303,11 @@ impl MuscleModel {
                 ]
             })
             .collect();
+        // With hardly a weight the balance holds for any muscle that is slack.
+        let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
+        if rows.iter().any(|row| row[2] < least_kg) {
+            return None;
+        }
         let residuals = record.places.iter().map(|place| {
             let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
             let kernel = &place.kernel;
