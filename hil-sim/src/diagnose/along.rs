@@ -51,6 +51,10 @@ impl Along {
                     .update(Update::Lean(share), at, &mut self.ends[end]);
                 continue;
             };
+            // In a gap the way is not known; it is gone when that ends.
+            if !place.is_finite() {
+                continue;
+            }
             let length_s = at.time_s - time_s;
             let way = place - last;
             let moving = LoadPoint {
@@ -61,7 +65,9 @@ impl Along {
             };
             self.step(end, load, &moving, length_s);
         }
-        self.last = Some((at.time_s, place));
+        if place.is_finite() {
+            self.last = Some((at.time_s, place));
+        }
         let lifted = |end: &Vec<f64>| load.constants(at, end);
         let [(weight, a_n), (_, b_n)] = [&self.ends[0], &self.ends[1]].map(lifted);
         (weight, 0.5 * (a_n + b_n), 0.5 * (a_n - b_n).abs())

@@ -1,10 +1,10 @@
 //! What a muscle has behind it when a record begins.
 //!
-//! Where the first of some records begins at rest, all are taken to begin after a long one, and
-//! effects are settled then. Where one begins in motion nobody knows what states that take seconds
-//! to settle have come to. What they are off by acts on the force in proportion and fades with
-//! their own time constants: it is taken from the residuals record by record, as much as makes
-//! these least, so that no parameter is added and what follows is judged.
+//! Where all records begin at rest they are taken to begin after a long one, and effects are settled
+//! then. Where one begins in motion nobody knows what states that take seconds to settle have come
+//! to. What they are off by acts on the force in proportion and fades with their own time
+//! constants: it is estimated from each record, the predicted ones too, and counts by how likely it
+//! is. So does the memory of a hysteresis, which no rest settles.
 
 use super::least_squares::{Linearized, Residuals, Slopes};
 use crate::error::BadInput;
@@ -56,30 +56,41 @@ pub fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
     Ok(all)
 }
 
-/// `residuals` without what unknown states at the begin explain of them, which act as `unknown`, in
-/// the same units; what these then are follows, in standard deviations, as [`UNKNOWNS`] more: who
-/// needs an unlikely begin is no better for it.
-pub fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>]) -> Residuals {
+/// What unknown states at the begin, which act as `unknown` on `residuals` in the same units, most
+/// likely are.
+pub fn likeliest(residuals: &Residuals, unknown: &[Vec<f64>]) -> DVector<f64> {
+    let (rows, states) = (residuals.values.len(), unknown.len());
+    let slopes = slopes(rows, unknown);
+    let linearized = Linearized {
+        residuals,
+        slopes: &slopes,
+        priors: &vec![(0.0, SPREAD.recip()); states],
+        damping: DVector::zeros(states),
+    };
+    linearized.minimum()
+}
+
+fn slopes(rows: usize, unknown: &[Vec<f64>]) -> Slopes {
+    Slopes {
+        values: DMatrix::from_fn(rows, unknown.len(), |row, state| unknown[state][row]),
+        slack: DMatrix::zeros(rows, unknown.len()),
+    }
+}
+
+/// `residuals` without what unknown states at the begin explain of them. What these then are
+/// follows, with the `memory` it began with, in standard deviations, as [`UNKNOWNS`] more: who needs
+/// an unlikely begin is no better for it.
+pub fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
     let mut deviations = vec![0.0; UNKNOWNS];
+    deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0) / SPREAD;
     if !unknown.is_empty() {
-        let (rows, states) = (residuals.values.len(), unknown.len());
-        let slopes = Slopes {
-            values: DMatrix::from_fn(rows, states, |row, state| unknown[state][row]),
-            slack: DMatrix::zeros(rows, states),
-        };
-        let linearized = Linearized {
-            residuals: &residuals,
-            slopes: &slopes,
-            priors: &vec![(0.0, SPREAD.recip()); states],
-            damping: DVector::zeros(states),
-        };
-        let states = linearized.minimum();
-        let change = &slopes.values * &states;
+        let states = likeliest(&residuals, unknown);
+        let change = slopes(residuals.values.len(), unknown).values * &states;
         for (value, change) in residuals.values.iter_mut().zip(&change) {
             *value += change;
         }
         for (deviation, state) in deviations.iter_mut().zip(&states) {
-            *deviation = state / SPREAD;
+            *deviation += state / SPREAD;
         }
     }
     residuals.extend(Residuals::exact(deviations));
@@ -107,13 +118,13 @@ mod tests {
             (squares.sum::<f64>() / 400.0).sqrt()
         };
         assert!(size(&of(0.4, 0.0)) > 2.0);
-        let mut forgiven = forgotten(of(0.4, 0.0), &fading);
+        let mut forgiven = forgotten(of(0.4, 0.0), &fading, None);
         // What it took is told: -0.4 of a state that is known to within 0.5.
         let told = forgiven.values.split_off(400);
         assert_eq!(told.len(), UNKNOWNS);
         assert!((told[0] + 0.8).abs() < 0.01, "{told:?}");
         assert!(size(&forgiven) < 0.01);
-        let left = size(&forgotten(of(0.4, 1.0), &fading));
+        let left = size(&forgotten(of(0.4, 1.0), &fading, None));
         assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
     }
 }

@@ -409,7 +409,7 @@ impl<M: Model> Search<'_, '_, M> {
         let left: f64 = parts.clone().map(|part| excess_in(&part.fitted)).sum();
         // Where nothing is left of what is fitted, the effect may not have been moved there, and
         // what is predicted decides.
-        let (records, left, gain) = if left > 0.0 {
+        let (records, left, gain) = if left >= 0.5 * GAIN {
             (self.engine.model.fitted(), left, 0.5 * GAIN)
         } else {
             let left = parts.map(|part| excess_in(&part.total())).sum();

@@ -109,6 +109,11 @@ pub trait Model: Sync {
     ) -> Option<Residuals>;
     /// How many residuals a block has over a record.
     fn rows(&self, record: usize, block: usize) -> usize;
+    /// How many residuals of a block over a record are no measurements, but priors of what is
+    /// estimated with them.
+    fn unknowns(&self, _block: usize) -> usize {
+        0
+    }
     /// Whether residuals of a block change about in proportion to a small effect, so that what a
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
@@ -347,10 +352,11 @@ impl<'a, M: Model> Problem<'a, M> {
         for record in 0..self.model.records() {
             for part in &mut parts {
                 let residuals = self.piece(&found.x, (record, part.block))?;
+                let unknowns = self.model.unknowns(part.block);
                 if record < self.model.fitted() {
-                    part.fitted += tally(&residuals);
+                    part.fitted += tally(&residuals, unknowns);
                 } else {
-                    part.predicted += tally(&residuals);
+                    part.predicted += tally(&residuals, unknowns);
                 }
             }
         }
@@ -454,14 +460,14 @@ fn change<M: Model>(
     Some(Slopes { values, slack })
 }
 
-/// Cost of residuals.
-fn tally(residuals: &Residuals) -> Tally {
+/// Cost of residuals, of which so many are no measurements.
+fn tally(residuals: &Residuals, unknowns: usize) -> Tally {
     let outside: f64 = residuals.outside().map(loss).sum();
     let hidden: f64 = residuals.slack.iter().map(|slack| hidden(*slack)).sum();
     Tally {
         outside,
         cost: outside + hidden,
-        count: residuals.values.len(),
+        count: residuals.values.len() - unknowns,
     }
 }
 

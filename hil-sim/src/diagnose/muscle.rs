@@ -8,7 +8,7 @@
 
 use super::Calibrated;
 use super::along::Along;
-use super::begin::{UNKNOWNS, fading_n, forgotten};
+use super::begin::{UNKNOWNS, fading_n, forgotten, likeliest};
 use super::choice::NOISE_ONLY;
 use super::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use super::least_squares::Residuals;
@@ -441,16 +441,6 @@ impl MuscleModel {
             _ if self.blocks.contains(&FORCE) => vec![LOAD],
             // One balance of forces for both.
             _ => vec!["muscle-force", LOAD],
-        }
-    }
-
-    /// How many unknown states at the begin are told with the balance of the load: where it stands
-    /// for the muscle's force, too.
-    fn unknowns(&self) -> usize {
-        if self.blocks.contains(&FORCE) {
-            0
-        } else {
-            UNKNOWNS
         }
     }
 
@@ -1004,7 +994,16 @@ impl Model for MuscleModel {
         match self.blocks[block] {
             GAS => record.gas_rows.len(),
             FORCE => record.force_rows.len() + UNKNOWNS,
-            _ => record.places.len() + self.unknowns() + record.stops.len(),
+            _ => record.places.len() + self.unknowns(block) + record.stops.len(),
+        }
+    }
+
+    /// States at the begin, told where the muscle's force is judged.
+    fn unknowns(&self, block: usize) -> usize {
+        match self.blocks[block] {
+            FORCE => UNKNOWNS,
+            LOAD if !self.blocks.contains(&FORCE) => UNKNOWNS,
+            _ => 0,
         }
     }
 
@@ -1050,7 +1049,7 @@ impl Model for MuscleModel {
             FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
             _ => {
                 let places = record.places.iter().map(|place| place.kernel.middle());
-                let unknown = std::iter::repeat_n(0, self.unknowns());
+                let unknown = std::iter::repeat_n(0, self.unknowns(block));
                 let rows = places.chain(unknown);
                 rows.chain(record.stops.iter().copied()).collect()
             }
@@ -1106,8 +1105,8 @@ impl Model for MuscleModel {
 /// Residuals, and how each state at the begin that is unknown changes them.
 type Begun = (Residuals, Vec<Vec<f64>>);
 
-/// Residuals of `rig` that began as fits best: of what a motion before may have left in effects
-/// with a memory, which is taken to act in proportion, and in those that fade.
+/// Residuals of `rig` that began as fits best: with what a motion before may have left in effects
+/// with a memory and in those that fade.
 fn begun_best(rig: &Rig, begun: impl Fn(Option<f64>) -> Option<Begun>) -> Option<Residuals> {
     let mut effects = rig.effects.iter();
     let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
@@ -1116,8 +1115,9 @@ fn begun_best(rig: &Rig, begun: impl Fn(Option<f64>) -> Option<Begun>) -> Option
     });
     if !remembers {
         let (residuals, unknown) = begun(None)?;
-        return Some(forgotten(residuals, &unknown));
+        return Some(forgotten(residuals, &unknown, None));
     }
+    // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
     let ((out, mut unknown), (drawn_in, _)) = (begun(Some(-1.0))?, begun(Some(1.0))?);
     let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
@@ -1127,7 +1127,9 @@ fn begun_best(rig: &Rig, begun: impl Fn(Option<f64>) -> Option<Begun>) -> Option
         values: half(&out.values, &drawn_in.values, 1.0),
         slack: half(&out.slack, &drawn_in.slack, 1.0),
     };
-    Some(forgotten(middle, &unknown))
+    let share = likeliest(&middle, &unknown).iter().last()?.clamp(-1.0, 1.0);
+    let (residuals, unknown) = begun(Some(share))?;
+    Some(forgotten(residuals, &unknown, Some(share)))
 }
 
 /// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what

@@ -20,7 +20,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             build: |values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],
-                    bend: 0.0,
+                    nonlinearity: 0.0,
                 }))
             },
         },
@@ -28,15 +28,14 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "quadratic",
             parameters: &[
                 GAIN_ERROR,
-                Parameter::new("bend", "1", (-0.1, 0.1), 0.005).neutral(0.0),
+                Parameter::new("nonlinearity", "1", (-0.1, 0.1), 0.005).neutral(0.0),
             ],
-            source: "Reading = truth · (1 + error + bend · truth / 300 kPa): with the \
-                     nonlinearity that data sheets of pressure sensors tell beside the gain \
-                     error. Leaves out what the sensor remembers.",
+            source: "Reading = truth · (1 + error + nonlinearity · truth / 300 kPa): as data \
+                     sheets of pressure sensors tell both. Leaves out what the sensor remembers.",
             build: |values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],
-                    bend: values[1],
+                    nonlinearity: values[1],
                 }))
             },
         },
@@ -47,7 +46,7 @@ const GAIN_ERROR: Parameter = Parameter::new("gain_error", "1", (-0.4, 0.4), 0.0
 
 struct PressureSensorGain {
     gain_error: f64,
-    bend: f64,
+    nonlinearity: f64,
 }
 
 impl Dynamics<SensorPoint> for PressureSensorGain {}
@@ -55,7 +54,7 @@ impl Dynamics<SensorPoint> for PressureSensorGain {}
 impl SensorTerm for PressureSensorGain {
     fn read(&self, at: &SensorPoint, _: &[f64], reading: &mut Reading) {
         let truth_pa = at.truth.pressure.0;
-        let error = self.gain_error + self.bend * truth_pa / REFERENCE_PRESSURE_PA;
+        let error = self.gain_error + self.nonlinearity * truth_pa / REFERENCE_PRESSURE_PA;
         reading.pressure.0 += truth_pa * error;
     }
 }
