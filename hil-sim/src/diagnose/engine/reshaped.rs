@@ -57,7 +57,10 @@ impl<M: Model> Engine<'_, M> {
         if reshaped.is_empty() {
             return Some(found.cost);
         }
-        let mut slopes = problem.slopes(&found.x, &found.residuals)?;
+        // At the edge of what has a solution, nothing tells how it would change.
+        let Some(mut slopes) = problem.slopes(&found.x, &found.residuals) else {
+            return Some(found.cost);
+        };
         let mut priors = problem.priors(&found.x);
         let own = priors.len();
         for candidate in reshaped {
