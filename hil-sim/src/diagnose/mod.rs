@@ -3,8 +3,6 @@
 //! [`engine`] fits and predicts, [`choice`] decides, [`left`] tells where residuals live: none of
 //! them knows a muscle. [`muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
-mod along;
-mod begin;
 pub mod choice;
 pub mod engine;
 pub mod least_squares;

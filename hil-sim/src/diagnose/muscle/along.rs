@@ -12,7 +12,7 @@ use crate::rig::Weight;
 const STEP: f64 = 1e-4;
 
 /// States on their way from row to row, from the two ends of what they may be at the begin.
-pub struct Along {
+pub(super) struct Along {
     ends: [Vec<f64>; 2],
     /// When and where the last row was \[s\], \[-\].
     last: Option<(f64, f64)>,
@@ -22,7 +22,7 @@ pub struct Along {
 
 impl Along {
     /// For terms with so many states.
-    pub fn new(states: usize) -> Along {
+    pub(super) fn new(states: usize) -> Along {
         let none = || [vec![0.0; states], vec![0.0; states]];
         Along {
             ends: none(),
@@ -34,7 +34,7 @@ impl Along {
     /// The weight's constants and the external force that lifts it \[N\] in the next row, and by
     /// how much that may be off either way \[N\]. The weight has surely moved to the contraction
     /// `place`.
-    pub fn constants(
+    pub(super) fn constants(
         &mut self,
         load: &LoadBlock,
         at: &LoadPoint,

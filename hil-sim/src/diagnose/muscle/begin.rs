@@ -1,15 +1,16 @@
 //! What a muscle has behind it when a record begins.
 //!
-//! Where all records begin at rest they are taken to begin after a long one, and effects are settled
-//! then. Where one begins in motion nobody knows what states that take seconds to settle have come
-//! to. What they are off by acts on the force in proportion and fades with their own time
+//! Where all records begin at rest they are taken to begin after a long one, and effects are
+//! settled then. Where one begins in motion nobody knows what states that take seconds to settle
+//! have come to. What they are off by acts on the force in proportion and fades with their own time
 //! constants: it is estimated from each record, the predicted ones too, and counts by how likely it
 //! is. So does the memory of a hysteresis, which no rest settles.
 
-use super::least_squares::{Linearized, Residuals, Slopes};
+use super::prepared::Prepared;
+use crate::diagnose::least_squares::{Linearized, Residuals, Slopes};
 use crate::error::BadInput;
 use crate::plant::muscle::MusclePoint;
-use crate::plant::{Plant, Simulated};
+use crate::plant::{Plant, Simulated, Term};
 use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::{Load, Rig};
 use model_core::pressure::GaugePa;
@@ -18,16 +19,64 @@ use nalgebra::{DMatrix, DVector};
 /// Standard deviation of what a state may be off by, in units of its drive's usual size.
 const SPREAD: f64 = 0.5;
 /// States at the begin that are unknown at most: of a creep, and the memory of a hysteresis.
-pub const UNKNOWNS: usize = 5;
-/// Muscle alone, on measured pressure and contraction.
-const FORCE_ALONE: Simulated = Simulated {
+pub(super) const UNKNOWNS: usize = 5;
+
+/// Muscle and instruments, on measured pressure and contraction.
+pub(super) const FORCE_ALONE: Simulated = Simulated {
     pressure: false,
     motion: false,
 };
 
+/// Residuals, and how each state at the begin that is unknown changes them.
+pub(super) type Begun = (Residuals, Vec<Vec<f64>>);
+
+/// Residuals of `rig` that began as fits best: with what a motion before may have left in effects
+/// with a memory and in those that fade.
+pub(super) fn begun_best(
+    rig: &Rig,
+    begun: impl Fn(Option<f64>) -> Option<Begun>,
+) -> Option<Residuals> {
+    let mut effects = rig.effects.iter();
+    let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
+        Term::Muscle(term) => term.remembers(),
+        _ => false,
+    });
+    if !remembers {
+        let (residuals, unknown) = begun(None)?;
+        return Some(forgotten(residuals, &unknown, None));
+    }
+    // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
+    let ((out, mut unknown), (drawn_in, _)) = (begun(Some(-1.0))?, begun(Some(1.0))?);
+    let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
+    };
+    unknown.push(half(&out.values, &drawn_in.values, -1.0));
+    let middle = Residuals {
+        values: half(&out.values, &drawn_in.values, 1.0),
+        slack: half(&out.slack, &drawn_in.slack, 1.0),
+    };
+    let share = likeliest(&middle, &unknown)
+        .iter()
+        .next_back()?
+        .clamp(-1.0, 1.0);
+    let (residuals, unknown) = begun(Some(share))?;
+    Some(forgotten(residuals, &unknown, Some(share)))
+}
+
+impl Prepared {
+    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
+    /// were settled.
+    pub(super) fn fading_n(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+        if self.settled {
+            return Some(Vec::new());
+        }
+        fading_n(rig, &self.measured).ok()
+    }
+}
+
 /// What each state of the muscle's effects of `rig` that fades by itself adds to the force where it
 /// was one unit too large when `record` began, row by row \[N\].
-pub fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
+fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
     let mut rig = rig.clone();
     rig.load = Load::Prescribed;
     let muscle = Plant::new(&rig, FORCE_ALONE)?.muscle;
@@ -58,7 +107,7 @@ pub fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
 
 /// What unknown states at the begin, which act as `unknown` on `residuals` in the same units, most
 /// likely are.
-pub fn likeliest(residuals: &Residuals, unknown: &[Vec<f64>]) -> DVector<f64> {
+fn likeliest(residuals: &Residuals, unknown: &[Vec<f64>]) -> DVector<f64> {
     let (rows, states) = (residuals.values.len(), unknown.len());
     let slopes = slopes(rows, unknown);
     let linearized = Linearized {
@@ -78,9 +127,9 @@ fn slopes(rows: usize, unknown: &[Vec<f64>]) -> Slopes {
 }
 
 /// `residuals` without what unknown states at the begin explain of them. What these then are
-/// follows, with the `memory` it began with, in standard deviations, as [`UNKNOWNS`] more: who needs
-/// an unlikely begin is no better for it.
-pub fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
+/// follows, with the `memory` it began with, in standard deviations, as [`UNKNOWNS`] more: who
+/// needs an unlikely begin is no better for it.
+fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
     let mut deviations = vec![0.0; UNKNOWNS];
     deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0) / SPREAD;
     if !unknown.is_empty() {

@@ -1,0 +1,279 @@
+//! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
+
+use super::along::Along;
+use super::begin::{Begun, FORCE_ALONE};
+use super::play::play;
+use super::prepared::Prepared;
+use super::{FORCE, MuscleModel, TOLERANCE};
+use crate::diagnose::least_squares::Residuals;
+use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
+use crate::plant::sensors::Reading;
+use crate::plant::simulation::{Initial, Simulation};
+use crate::plant::term::Terms;
+use crate::plant::{Plant, Term};
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use crate::rig::{Load, Rig, Weight};
+use crate::simulate::Inputs;
+use model_core::pressure::GaugePa;
+use std::ops::ControlFlow;
+
+/// The stop is where the contraction is 0, to within this \[-\].
+const STOP_PLACE: f64 = 1e-4;
+/// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
+/// are far from those of any rig.
+const STEPS_PER_S: f64 = 300.0;
+const STEPS_PER_ROW: f64 = 2.0;
+/// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
+const LEAST_SHARE_OF_MASS: f64 = 0.5;
+
+/// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
+/// is read, and the true force.
+fn run(rig: &Rig, record: &Record, memory: Option<f64>) -> Option<Vec<(Reading, f64)>> {
+    run_on(rig, Inputs::new(rig, record).ok()?, record, memory)
+}
+
+fn run_on(
+    rig: &Rig,
+    inputs: Inputs,
+    record: &Record,
+    memory: Option<f64>,
+) -> Option<Vec<(Reading, f64)>> {
+    let mut plant = Plant::new(rig, inputs.simulated).ok()?;
+    plant.memory = memory;
+    let first = |name: &str| {
+        record
+            .column(name)
+            .and_then(|c| c.iter().find(|v| !v.is_nan()))
+    };
+    let initial = Initial {
+        time_s: record.time_s()[0],
+        contraction: inputs.contraction(0)?,
+        contraction_rate_per_s: 0.0,
+        pressure: inputs
+            .pressure(0)
+            .or(first(PRESSURE_PA).map(|p| GaugePa(*p)))?,
+        temperature_k: plant.ambient_temperature_k,
+    };
+    let rows = record.time_s().len();
+    let mut out = Vec::with_capacity(rows);
+    let start_s = record.time_s()[0];
+    let visit = |row: usize, simulation: &Simulation| {
+        out.push((simulation.read(), simulation.force_n()));
+        let spent_s = record.time_s()[row] - start_s;
+        let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
+        if simulation.work().steps as f64 > most {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    };
+    inputs.run(plant, &initial, TOLERANCE, rows, visit).ok()?;
+    (out.len() == rows).then_some(out)
+}
+
+pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+    let inert = matches!(rig.load, Load::Weight(_));
+    rig.load = Load::Prescribed;
+    let played = record.unplayed(play(&rig), record.gas.as_ref()?, None);
+    let measured = played.column(PRESSURE_PA)?;
+    let mut inputs = Inputs::new(&rig, &played).ok()?;
+    inputs.inert = inert;
+    let read = run_on(&rig, inputs, &played, None)?;
+    let residual = |row: &usize| {
+        let simulated_pa = record.pressure_span.read(read[*row].0.pressure.0);
+        (simulated_pa - measured[*row]) / record.noise.pressure_pa
+    };
+    Some(Residuals::exact(
+        record.gas_rows.iter().map(residual).collect(),
+    ))
+}
+
+pub(super) fn force_residuals(
+    record: &Prepared,
+    mut rig: Rig,
+    memory: Option<f64>,
+) -> Option<Begun> {
+    rig.load = Load::Prescribed;
+    let measured = record.measured.column(FORCE_N)?;
+    let forces_n = record.forces_n(&rig, memory)?;
+    // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
+    // right because the sensor cannot tell.
+    let most_n = record.force_span.most;
+    let residual = |(row, per_noise): (&usize, &f64)| {
+        let (least_n, most_n) = (forces_n[*row].0.min(most_n), forces_n[*row].1.min(most_n));
+        let middle_n = 0.5 * (least_n + most_n);
+        (
+            (middle_n - measured[*row]) * per_noise,
+            0.5 * (most_n - least_n) * per_noise,
+        )
+    };
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    let (values, slack) = rows.clone().map(residual).unzip();
+    let unknown = record.fading_n(&rig)?.into_iter().map(|fading_n| {
+        let rows = rows.clone();
+        rows.map(|(row, per_noise)| fading_n[*row] * per_noise)
+            .collect()
+    });
+    Some((Residuals { values, slack }, unknown.collect()))
+}
+
+impl Prepared {
+    /// The least and the most force that the muscle can have, row by row \[N\], if it began with
+    /// such a memory.
+    fn forces_n(&self, rig: &Rig, memory: Option<f64>) -> Option<Vec<(f64, f64)>> {
+        let play = play(rig);
+        let of = |may: Option<f64>| {
+            let read = run(rig, &self.unplayed(play, &self.measured, may), memory)?;
+            Some(
+                read.into_iter()
+                    .map(|(read, force_n)| (read.force_n, force_n)),
+            )
+        };
+        if play == 0.0 {
+            return Some(of(None)?.map(|(read_n, _)| (read_n, read_n)).collect());
+        }
+        let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
+        Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
+    }
+
+    /// What the encoder reads on the stop, where a muscle is as long as it can be.
+    pub(super) fn stop_residuals(&self, rig: &Rig) -> Option<Residuals> {
+        if self.stops.is_empty() {
+            return Some(Residuals::default());
+        }
+        let inputs = Inputs::new(rig, &self.measured).ok()?;
+        let noise = self.noise.contraction.hypot(STOP_PLACE);
+        let read = |row: &usize| inputs.contraction(*row).unwrap_or(0.0) / noise;
+        Some(Residuals {
+            values: self.stops.iter().map(read).collect(),
+            slack: vec![play(rig) / noise; self.stops.len()],
+        })
+    }
+}
+
+/// The weight of `rig` with its effects, and how many states they have.
+fn load_block(rig: &Rig, weight: Weight) -> (LoadBlock, usize) {
+    let mut load = LoadBlock {
+        weight,
+        initial_length_m: rig.muscle.initial_length_m,
+        terms: Terms::default(),
+    };
+    let mut states = 0;
+    let effects = rig.effects.iter();
+    for effect in effects.filter(|effect| effect.kind.block == "load") {
+        if let Term::Load(term) = (effect.form.build)(&effect.values) {
+            states += load.terms.push(term, states);
+        }
+    }
+    (load, states)
+}
+
+impl MuscleModel {
+    /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
+    /// where there is one.
+    fn loading_n(
+        &self,
+        record: &Prepared,
+        rig: &mut Rig,
+        memory: Option<f64>,
+    ) -> Option<Vec<(f64, f64)>> {
+        if !self.blocks.contains(&FORCE) {
+            rig.load = Load::Prescribed;
+            return record.forces_n(rig, memory);
+        }
+        let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
+        let measured_n = record.measured.column(FORCE_N)?.iter();
+        let truth = |(force_n, time_s): (&f64, &f64)| {
+            let reading = Reading {
+                pressure: GaugePa(0.0),
+                contraction: 0.0,
+                force_n: *force_n,
+            };
+            let true_n = sensors.truth(*time_s, reading).force_n;
+            (true_n, true_n)
+        };
+        Some(
+            measured_n
+                .zip(record.measured.time_s())
+                .map(truth)
+                .collect(),
+        )
+    }
+
+    /// How far the balance of forces on the weight lies outside what friction can take up.
+    pub(super) fn balances(
+        &self,
+        record: &Prepared,
+        mut rig: Rig,
+        memory: Option<f64>,
+    ) -> Option<Begun> {
+        let Load::Weight(weight) = rig.load else {
+            return None;
+        };
+        let (load, states) = load_block(&rig, weight);
+        let play = play(&rig);
+        let played = record.unplayed(play, &record.measured, None);
+        let forces_n = self.loading_n(record, &mut rig, memory)?;
+        let contraction = played.column(CONTRACTION)?;
+        let time_s = record.measured.time_s();
+        let mut along = Along::new(states);
+        let rows: Vec<[f64; 3]> = (0..time_s.len())
+            .map(|row| {
+                let direction = record.directions[row];
+                let at = LoadPoint {
+                    time_s: time_s[row],
+                    contraction: contraction[row],
+                    contraction_rate_per_s: record.rates_per_s[row],
+                    direction,
+                    initial_length_m: load.initial_length_m,
+                };
+                let place = record.path[row] + play * record.sides[row];
+                let (weight, lifting_n, doubt_n) = along.constants(&load, &at, place);
+                let (middle_n, reach_n) = if direction == 0.0 {
+                    (0.0, weight.static_friction_n)
+                } else {
+                    (direction * weight.coulomb_friction_n, 0.0)
+                };
+                let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+                let (least_n, most_n) = forces_n[row];
+                [
+                    0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                    reach_n + doubt_n + 0.5 * (most_n - least_n),
+                    weight.mass_kg,
+                ]
+            })
+            .collect();
+        // With hardly a weight the balance holds for any muscle that is slack.
+        let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
+        if rows.iter().any(|row| row[2] < least_kg) {
+            return None;
+        }
+        let residuals = record.places.iter().map(|place| {
+            let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+            let kernel = &place.kernel;
+            for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
+                balance_n += weight * row[0];
+                reach_n += weight * row[1];
+                mass_kg += weight * row[2];
+            }
+            balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
+                + load.weight.viscous_damping_ns_per_m
+                    * load.initial_length_m
+                    * kernel.first(contraction);
+            (balance_n * place.per_noise, reach_n * place.per_noise)
+        });
+        let (values, slack) = residuals.unzip();
+        // A measured force has them in it.
+        let fading = if self.blocks.contains(&FORCE) {
+            Vec::new()
+        } else {
+            record.fading_n(&rig)?
+        };
+        let unknown = fading.into_iter().map(|fading_n| {
+            let places = record.places.iter();
+            places
+                .map(|place| place.kernel.value(&fading_n) * place.per_noise)
+                .collect()
+        });
+        Some((Residuals { values, slack }, unknown.collect()))
+    }
+}

@@ -1,0 +1,75 @@
+//! A record with no more rows than tell something: all others would only cost time.
+
+use super::prepared::Noise;
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA};
+use std::ops::Range;
+
+/// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
+/// rows between them would cost time and tell little.
+const PERIOD_S: f64 = 0.008;
+/// The same where nothing changes by so many times its noise \[s\].
+const REST_S: f64 = 0.1;
+pub(super) const CHANGE_NOISES: f64 = 6.0;
+
+/// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
+/// an input, rows in which nothing has changed are rarer; with a reference there is one where that
+/// changes. A cell without a sample has the next one before the next such row.
+pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
+    let time_s = record.time_s();
+    let reference_pa = record.column(PRESSURE_REF_PA);
+    let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
+    let signals = signals.map(|name| (record.column(name), CHANGE_NOISES * noise.of(name)));
+    let changes = |from: usize, to: usize| {
+        let mut signals = signals.iter();
+        signals.any(|(values, change)| {
+            values.is_some_and(|values| (values[to] - values[from]).abs() > *change)
+        })
+    };
+    let mut begins = vec![0];
+    let mut last = 0;
+    for row in 1..time_s.len() {
+        let due = match reference_pa {
+            Some(reference_pa) => {
+                let (own, before) = (reference_pa[row], reference_pa[row - 1]);
+                time_s[row] >= time_s[last] + PERIOD_S || own != before && !own.is_nan()
+            }
+            None if time_s[row] < time_s[last] + PERIOD_S => false,
+            // A weight's balance at rest bounds its static friction.
+            None if !bench => true,
+            None => {
+                let changed = changes(last, row);
+                // What comes at once is not spread over the time before it.
+                if changed && time_s[row - 1] >= time_s[last] + PERIOD_S {
+                    begins.push(row - 1);
+                }
+                changed || time_s[row] >= time_s[last] + REST_S
+            }
+        };
+        if due {
+            begins.push(row);
+            last = row;
+        }
+    }
+    if begins.len() == time_s.len() {
+        return record.clone();
+    }
+    let mut thin = Record::new(begins.iter().map(|row| time_s[*row]).collect());
+    let ends = begins.iter().skip(1).copied().chain([time_s.len()]);
+    let stretches: Vec<_> = begins.iter().zip(ends).map(|(a, b)| *a..b).collect();
+    for name in [
+        PRESSURE_REF_PA,
+        PRESSURE_PA,
+        CONTRACTION,
+        FORCE_N,
+        SUPPLY_PA,
+    ] {
+        if let Some(values) = record.column(name) {
+            let first = |rows: &Range<usize>| {
+                let mut present = values[rows.clone()].iter().filter(|value| !value.is_nan());
+                present.next().copied().unwrap_or(f64::NAN)
+            };
+            thin.set(name, stretches.iter().map(first).collect());
+        }
+    }
+    thin
+}
