@@ -22,7 +22,8 @@ pub(crate) struct Inputs<'a> {
     pressure_pa: Vec<f64>,
     /// Supply pressure (gauge) \[Pa\], linear between rows; empty if it was not measured.
     supply_pa: Vec<f64>,
-    /// The contraction is a mass's: it goes from row to row without the corners of straight lines.
+    /// The contraction is a mass's: it goes from row to row in parabolas, whose corners are smaller
+    /// than those of straight lines.
     pub(crate) inert: bool,
 }
 
@@ -89,7 +90,7 @@ impl<'a> Inputs<'a> {
             supply_pa: Vec::new(),
             inert: false,
         };
-        let truth = |row: usize, pressure_pa: f64, contraction: f64| {
+        let at_row = |row: usize, pressure_pa: f64, contraction: f64| {
             let reading = Reading {
                 pressure: GaugePa(pressure_pa),
                 contraction,
@@ -109,7 +110,7 @@ impl<'a> Inputs<'a> {
         let of = |values: &[f64], row: usize| values.get(row).copied();
         for row in 0..time_s.len() {
             let (pressure_pa, contraction) = (of(&pressure_pa, row), of(&contraction, row));
-            let truth = truth(row, pressure_pa.unwrap_or(0.0), contraction.unwrap_or(0.0));
+            let truth = at_row(row, pressure_pa.unwrap_or(0.0), contraction.unwrap_or(0.0));
             if pressure_pa.is_some() {
                 let pressure = above_vacuum(&plant, record, row, truth.pressure)?;
                 inputs.pressure_pa.push(pressure.0);

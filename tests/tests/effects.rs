@@ -2,6 +2,8 @@
 
 use hil_sim::effects::{CATALOGUE, EffectKind, Form};
 use hil_sim::plant::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
+use hil_sim::plant::sensors::{Reading, SensorPoint};
+use hil_sim::plant::{Plant, Simulated};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::{Effect, Rig};
 use hil_sim::simulate::simulate;
@@ -1003,6 +1005,31 @@ fn a_supply_behind_an_orifice_droops_by_what_is_drawn() {
     let ratio: f64 = (supply_pa + 101_325.0) / upstream_pa;
     let passed = orifice * upstream_pa * (1.0 - ((ratio - 0.5) / 0.5).powi(2)).sqrt();
     assert_near(passed, leak * pressure_pa, 1e-3 * passed, "flow");
+}
+
+#[test]
+fn quadratic_pressure_gain_bends_and_is_taken_off() {
+    let parameters = [("gain_error", 0.03), ("nonlinearity", 0.02)];
+    let effect = effect("pressure-sensor-gain", "quadratic", &parameters);
+    let sensors = Plant::new(&rig(&effect, &[CLAMPED]), Simulated::GAS_ONLY);
+    let sensors = sensors.expect("a plant").sensors;
+    for (truth_pa, read_pa) in [(1e5, 1e5 * (1.03 + 0.02 / 3.0)), (3e5, 3.15e5)] {
+        let truth = Reading {
+            pressure: GaugePa(truth_pa),
+            contraction: 0.1,
+            force_n: 200.0,
+        };
+        let at = SensorPoint {
+            time_s: 0.0,
+            initial_length_m: sensors.initial_length_m,
+            truth,
+        };
+        let read = sensors.read(&at, &[]);
+        assert_near(read.pressure.0, read_pa, 1e-6, "reading");
+        assert_eq!((read.contraction, read.force_n), (0.1, 200.0));
+        let found_pa = sensors.truth(0.0, read).pressure.0;
+        assert_near(found_pa, truth_pa, 1e-6, "truth");
+    }
 }
 
 #[test]

@@ -227,7 +227,7 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let touching: Vec<&Hypothesis> = self.tried.iter().filter(touches).collect();
             let alone = touching.par_iter().filter_map(|single| {
-                let cost = self.engine.alone(part.block, single)?;
+                let cost = self.engine.cost_alone(part.block, single)?;
                 Some((cost, single.candidates[0]))
             });
             let mut alone: Vec<(f64, usize)> = alone.collect();

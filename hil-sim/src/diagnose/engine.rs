@@ -547,9 +547,8 @@ impl<'a, M: Model> Engine<'a, M> {
         fit
     }
 
-    /// Cost of one block, with the candidate of `hypothesis` that is fitted to it alone, from where
-    /// it is.
-    pub fn alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
+    /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are.
+    pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
         let blocks = [block];
         let free = self.free(&blocks);
         let x = self.coordinates(hypothesis, &free, &hypothesis.candidates);

@@ -32,9 +32,10 @@ pub(super) const KIND: EffectKind = EffectKind {
                 BASE_SHARE,
             ],
             source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, half \
-                     the loop's width at 300 kPa as its size; the thresholds in a geometric row \
-                     about the reach, the largest the spread times the smallest; Shin & Kogiso \
-                     2020, Tondu 2012. Leaves out loops that are wider one way than the other.",
+                     the loop's width at 300 kPa as its size; the thresholds in a geometric \
+                     progression about the reach, the largest the spread times the smallest; Shin \
+                     & Kogiso 2020, Tondu 2012. Leaves out loops that are wider one way than the \
+                     other.",
             build: |values| {
                 Term::Muscle(Box::new(MaxwellSlip {
                     size: Size::new(values),

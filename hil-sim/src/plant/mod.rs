@@ -96,9 +96,10 @@ pub struct Ramp {
 pub struct Drive {
     /// Reference pressure that is sent to the valve, held.
     pub reference: GaugePa<f64>,
-    /// Rate of the prescribed contraction, on average \[1/s\].
+    /// Mean rate of the prescribed contraction to the next row \[1/s\]. The momentary one is the
+    /// state's, set by [`simulation::Simulation::prescribe_contraction`].
     pub contraction_rate_per_s: f64,
-    /// Its own rate \[1/s²\].
+    /// Rate of the momentary one \[1/s²\].
     pub contraction_acceleration_per_s2: f64,
     /// Rate of the prescribed pressure \[Pa/s\].
     pub pressure_rate_pa_per_s: f64,
@@ -160,7 +161,7 @@ pub struct Plant {
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
     /// How the memories of motion lean where a simulation begins, from −1, after paying out, to 1;
-    /// `None` where the weight is to tell.
+    /// `None`: as settled, or as a resting weight tells.
     pub memory: Option<f64>,
     states: usize,
 }

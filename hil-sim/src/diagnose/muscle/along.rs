@@ -31,10 +31,10 @@ impl Along {
         }
     }
 
-    /// The weight's constants and the external force that lifts it \[N\] in the next row, and by
-    /// how much that may be off either way \[N\]. The weight has surely moved to the contraction
-    /// `place`.
-    pub(super) fn constants(
+    /// Takes the states on to the next row, in which the weight has surely moved to the contraction
+    /// `place`: its constants and the external force that lifts it there \[N\], and by how much that
+    /// may be off either way \[N\].
+    pub(super) fn advance(
         &mut self,
         load: &LoadBlock,
         at: &LoadPoint,
@@ -128,31 +128,49 @@ mod tests {
         }
     }
 
-    #[test]
-    fn bristles_follow_the_way_and_forget_how_they_began() {
+    /// The force and its doubt \[N\], row by row, on the way through `places`.
+    fn forces_n(places: &[f64]) -> Vec<(f64, f64)> {
         let load = bristles();
         let mut along = Along::new(1);
+        let rows = places.iter().enumerate().map(|(row, place)| {
+            let at = LoadPoint {
+                time_s: 0.01 * row as f64,
+                contraction: *place,
+                contraction_rate_per_s: 0.0,
+                direction: 0.0,
+                initial_length_m: 0.3,
+            };
+            let (_, lifting_n, doubt_n) = along.advance(&load, &at, *place);
+            (lifting_n, doubt_n)
+        });
+        rows.collect()
+    }
+
+    #[test]
+    fn bristles_follow_the_way_and_forget_how_they_began() {
         // At rest, up by 12 deflections, a rest, and back by one.
-        let places = [0.1, 0.1, 0.106, 0.112, 0.112, 0.1115, 0.111];
-        let found: Vec<(f64, f64)> = (0..places.len())
-            .map(|row| {
-                let at = LoadPoint {
-                    time_s: 0.01 * row as f64,
-                    contraction: places[row],
-                    contraction_rate_per_s: 0.0,
-                    direction: 0.0,
-                    initial_length_m: 0.3,
-                };
-                let (_, lifting_n, doubt_n) = along.constants(&load, &at, places[row]);
-                (lifting_n, doubt_n)
-            })
-            .collect();
+        let found = forces_n(&[0.1, 0.1, 0.106, 0.112, 0.112, 0.1115, 0.111]);
         let back_n = 10.0 * (1.0 - 2.0 * (-1.0_f64).exp());
-        let expected = [0.0, 0.0, -10.0, -10.0, -10.0, f64::NAN, back_n];
-        let doubts_n = [10.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        for row in [0, 1, 2, 3, 4, 6] {
-            assert!((found[row].0 - expected[row]).abs() < 0.05, "{found:?}");
-            assert!((found[row].1 - doubts_n[row]).abs() < 0.05, "{found:?}");
+        let expected = [
+            (0, (0.0, 10.0)),
+            (1, (0.0, 10.0)),
+            (2, (-10.0, 0.0)),
+            (3, (-10.0, 0.0)),
+            (4, (-10.0, 0.0)),
+            (6, (back_n, 0.0)),
+        ];
+        for (row, (lifting_n, doubt_n)) in expected {
+            assert!((found[row].0 - lifting_n).abs() < 0.05, "{found:?}");
+            assert!((found[row].1 - doubt_n).abs() < 0.05, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_gap_at_the_begin_is_gone_when_it_ends() {
+        let found = forces_n(&[f64::NAN, f64::NAN, 0.1, 0.106]);
+        for (row, expected) in [(2, (0.0, 10.0)), (3, (-10.0, 0.0))] {
+            assert!((found[row].0 - expected.0).abs() < 0.05, "{found:?}");
+            assert!((found[row].1 - expected.1).abs() < 0.05, "{found:?}");
         }
     }
 }

@@ -149,6 +149,50 @@ fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::FORCE_N;
+    use crate::simulate::simulate;
+
+    /// The begin of a record is off by what a step before it has left: `fading_n` says how that
+    /// acts on the force, and how it fades.
+    #[test]
+    fn what_a_step_before_has_left_fades_as_it_is_said_to() {
+        let (step_s, rows, time_constant_s) = (0.01, 301, 0.8);
+        let time_s: Vec<f64> = (0..rows).map(|row| f64::from(row) * step_s).collect();
+        // Both steps are over in the first row.
+        let contraction = time_s.iter().map(|t| 0.05 + 0.02 * t);
+        let contraction: Vec<f64> = [0.0].into_iter().chain(contraction.skip(1)).collect();
+        let pressure_pa = [1e5].into_iter().chain(vec![3e5; time_s.len() - 1]);
+        let pressure_pa: Vec<f64> = pressure_pa.collect();
+        let from = |first: usize| {
+            let mut record = Record::new(time_s[first..].to_vec());
+            record.set(CONTRACTION, contraction[first..].to_vec());
+            record.set(PRESSURE_PA, pressure_pa[first..].to_vec());
+            record
+        };
+        let drives = [2e5 / 3e5, (contraction[1] - contraction[0]) / 0.25];
+        for (form, step) in ["relaxation", "strain-relaxation"].into_iter().zip(drives) {
+            let effect = format!(
+                "[[effect]]\nname = \"creep\"\nform = \"{form}\"\nforce_n = 20.0\n\
+                 time_constant_s = {time_constant_s:?}\n"
+            );
+            let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+            let rig = Rig::parse("rig.toml", &(text + &effect)).expect("a rig");
+            let force_n = |record: &Record| {
+                let simulated = simulate(&rig, record, 1e-9).expect("simulated");
+                simulated.require(FORCE_N).expect("a force").to_vec()
+            };
+            let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(1)));
+            let fading_n = fading_n(&rig, &from(1)).expect("fading");
+            assert_eq!(fading_n.len(), 1);
+            let way = time_constant_s / step_s;
+            let off = step * way * (1.0 - (-1.0 / way).exp());
+            assert!((cut_n[0] - whole_n[1]).abs() > 2.0);
+            for (row, cut_n) in cut_n.iter().enumerate() {
+                let error_n = cut_n - whole_n[row + 1] - off * fading_n[0][row];
+                assert!(error_n.abs() < 1e-4, "{form}, row {row}: {error_n}");
+            }
+        }
+    }
 
     #[test]
     fn what_fades_is_forgotten_and_what_stays_is_not() {

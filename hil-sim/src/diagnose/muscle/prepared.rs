@@ -294,10 +294,10 @@ impl Prepared {
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
             let place = kernel.value(contraction);
-            let play = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
+            let band = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
             let last = self.path.last().copied().unwrap_or(place);
             // Not `clamp`, which refuses the NaN of a gap; noise must not be a way without end.
-            self.path.push(last.max(place - play).min(place + play));
+            self.path.push(last.max(place - band).min(place + band));
             // Rows that are farther apart than the kernel reaches show none.
             if !rate_per_s.is_finite() {
                 continue;

@@ -227,7 +227,7 @@ impl MuscleModel {
                     initial_length_m: load.initial_length_m,
                 };
                 let place = record.path[row] + play * record.sides[row];
-                let (weight, lifting_n, doubt_n) = along.constants(&load, &at, place);
+                let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
                 let (middle_n, reach_n) = if direction == 0.0 {
                     (0.0, weight.static_friction_n)
                 } else {
@@ -275,5 +275,45 @@ impl MuscleModel {
                 .collect()
         });
         Some((Residuals { values, slack }, unknown.collect()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::begin::{UNKNOWNS, begun_best};
+    use super::*;
+
+    /// With one way to go a Dahl friction keeps its begin in proportion.
+    #[test]
+    fn a_memory_at_the_begin_is_found() {
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let effect = "[[effect]]\nname = \"hysteresis\"\nform = \"duhem\"\nforce_n = 20.0\n\
+                      reach = 0.05\nasymmetry = 1.0\nbase_share = 0.2\n";
+        let rig = Rig::parse("rig.toml", &(text + effect)).expect("a rig");
+        let time_s: Vec<f64> = (0..300).map(|row| 0.01 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        record.set(
+            CONTRACTION,
+            time_s.iter().map(|t| 0.05 + 0.02 * t).collect(),
+        );
+        let pressure_pa = time_s.iter().map(|t| 2e5 + 5e4 * (3.0 * t).sin());
+        record.set(PRESSURE_PA, pressure_pa.collect());
+        let truth = run(&rig, &record, Some(0.5)).expect("simulated");
+        record.set(
+            FORCE_N,
+            truth.iter().map(|(read, _)| read.force_n).collect(),
+        );
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let prepared = &prepared[0];
+        let residuals = |memory| force_residuals(prepared, rig.clone(), memory);
+        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let settled = residuals(None).expect("residuals").0.values;
+        let best = begun_best(&rig, residuals).expect("residuals").values;
+        let (best, told) = best.split_at(best.len() - UNKNOWNS);
+        assert!(best.len() > 200, "{}", best.len());
+        assert!(largest(&settled) > 10.0, "{}", largest(&settled));
+        assert!(largest(best) < 0.1, "{}", largest(best));
+        // In standard deviations of 0.5.
+        assert!((told[UNKNOWNS - 1] - 1.0).abs() < 0.02, "{told:?}");
     }
 }
