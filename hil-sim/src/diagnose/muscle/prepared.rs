@@ -149,21 +149,17 @@ fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f
     fast.map(|row| time_s[row]).collect()
 }
 
-/// Whether what drives a rig is at rest as `record` begins: the pressure, and a contraction that is
-/// no weight's.
+/// Whether the pressure of a weight's muscle is at rest as `record` begins. A bench is: what its
+/// states would have had to be cannot be told from its zeros.
 fn begins_at_rest(rig: &Rig, record: &Record, noise: &Noise) -> bool {
     let time_s = record.time_s();
     let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
-    let contraction = (rig.load == Load::Prescribed).then_some(CONTRACTION);
-    let mut driving = [PRESSURE_PA].into_iter().chain(contraction);
-    driving.all(|name| {
-        let values = record.column(name).unwrap_or_default();
-        let present = values.iter().take(begin).filter(|value| !value.is_nan());
-        let most = present.clone().copied().fold(f64::NEG_INFINITY, f64::max);
-        let least = present.copied().fold(f64::INFINITY, f64::min);
-        // Noise goes either way.
-        most - least <= 2.0 * CHANGE_NOISES * noise.of(name)
-    })
+    let pressure_pa = record.column(PRESSURE_PA).unwrap_or_default();
+    let present = pressure_pa.iter().take(begin).filter(|p| !p.is_nan());
+    let most = present.clone().copied().fold(f64::NEG_INFINITY, f64::max);
+    let least = present.copied().fold(f64::INFINITY, f64::min);
+    // Noise goes either way.
+    rig.load == Load::Prescribed || most - least <= 2.0 * CHANGE_NOISES * noise.pressure_pa
 }
 
 /// A record with some columns of another.
