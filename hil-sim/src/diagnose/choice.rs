@@ -382,18 +382,22 @@ impl<M: Model> Search<'_, '_, M> {
         })
     }
 
+    /// Cost that a block may have as the noise, and how the model is solved, are not known better.
+    fn doubt(&self, part: &Part) -> f64 {
+        self.engine.model.doubt_of_noise(part.block) * 0.5 * part.total().count as f64
+    }
+
     /// Whether no block that the member at `place` of `hypothesis` changes is worse for it: an
     /// encoder or a line is the same to gas, force and load.
     fn agreed(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
         let blocks = &self.engine.model.candidates()[hypothesis.candidates[place]].blocks;
-        blocks.iter().all(|block| {
-            let of = |h: &Hypothesis| {
-                let part = h.fit.parts.iter().find(|part| part.block == *block);
-                part.map(Part::total).unwrap_or_default()
-            };
-            let (with, without) = (of(hypothesis), of(without));
-            let doubt = self.engine.model.doubt_of_noise(*block) * 0.5 * with.count as f64;
-            with.outside - without.outside <= GAIN.max(doubt)
+        let parts = hypothesis.fit.parts.iter();
+        let mut own = parts.filter(|part| blocks.contains(&part.block));
+        own.all(|part| {
+            let mut others = without.fit.parts.iter();
+            let other = others.find(|other| other.block == part.block);
+            let before = other.map(Part::total).unwrap_or_default().outside;
+            part.total().outside - before <= GAIN.max(self.doubt(part))
         })
     }
 
@@ -435,10 +439,8 @@ impl<M: Model> Search<'_, '_, M> {
         let all = self.engine.model.candidates();
         let blocks = &all[hypothesis.candidates[place]].blocks;
         let own = |part: &&Part| blocks.contains(&part.block);
-        // The noise, and how the model is solved, are not known better.
-        let doubt = |part: &Part| self.engine.model.doubt_of_noise(part.block);
         let noise = hypothesis.fit.parts.iter().filter(own);
-        let noise = noise.map(|part| doubt(part) * 0.5 * part.total().count as f64);
+        let noise = noise.map(|part| self.doubt(part));
         // Only what is fitted to the same residuals takes up what another's form leaves.
         let beside = |part: &&Part| {
             let mut others = without.candidates.iter();

@@ -394,13 +394,15 @@ impl Model for MuscleModel {
         let mut rig = self.fitted(nominal, effects);
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
-            FORCE => begun_best(&rig, |memory| force_residuals(record, rig.clone(), memory)),
+            FORCE => begun_best(&rig, record.fading_forces(&rig)?, |memory| {
+                force_residuals(record, rig.clone(), memory)
+            }),
             _ => {
                 let balance = |memory| self.balances(record, rig.clone(), memory);
                 let mut residuals = if self.blocks.contains(&FORCE) {
-                    balance(None)?.0
+                    balance(None)?
                 } else {
-                    begun_best(&rig, balance)?
+                    begun_best(&rig, record.fading_balances(&rig)?, balance)?
                 };
                 rig.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

@@ -39,8 +39,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             build: |values| {
                 Term::Muscle(Box::new(MaxwellSlip {
                     size: Size::new(values),
-                    reach: values[1],
-                    spread: values[2],
+                    thresholds: thresholds(values[1], values[2]),
                 }))
             },
         },
@@ -115,16 +114,14 @@ const ELEMENTS: usize = 6;
 /// Each element is a spring in series with a slider. The states are the sliders' places.
 struct MaxwellSlip {
     size: Size,
-    reach: f64,
-    spread: f64,
+    /// How far the spring of each element can be stretched \[-\].
+    thresholds: [f64; ELEMENTS],
 }
 
-impl MaxwellSlip {
-    /// How far the spring of each element can be stretched \[-\].
-    fn thresholds(&self) -> [f64; ELEMENTS] {
-        let place = |i| i as f64 / (ELEMENTS - 1) as f64 - 0.5;
-        core::array::from_fn(|i| self.reach * self.spread.powf(place(i)))
-    }
+/// A geometric progression about `reach`, the last `spread` times the first.
+fn thresholds(reach: f64, spread: f64) -> [f64; ELEMENTS] {
+    let place = |i| i as f64 / (ELEMENTS - 1) as f64 - 0.5;
+    core::array::from_fn(|i| reach * spread.powf(place(i)))
 }
 
 impl Dynamics<MusclePoint> for MaxwellSlip {
@@ -134,23 +131,19 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
 
     // As if it had been drawn in from its full length.
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
             *slider = at.contraction - at.contraction.clamp(-threshold, threshold);
         }
     }
 
-    fn remembers(&self) -> bool {
-        true
-    }
-
     fn lean(&self, at: &MusclePoint, share: f64, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
             *slider = at.contraction - share * threshold;
         }
     }
 
     fn commit(&self, at: &MusclePoint, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds()) {
+        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
             *slider = slider.clamp(at.contraction - threshold, at.contraction + threshold);
         }
     }
@@ -158,11 +151,15 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
 
 impl MuscleTerm for MaxwellSlip {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let elements = state.iter().zip(self.thresholds());
+        let elements = state.iter().zip(self.thresholds);
         let stretch = elements
             .map(|(slider, threshold)| ((at.contraction - slider) / threshold).clamp(-1.0, 1.0));
         let share = stretch.sum::<f64>() / ELEMENTS as f64;
         self.size.opposing(at, share, force_n)
+    }
+
+    fn remembers(&self) -> bool {
+        true
     }
 }
 
@@ -199,10 +196,6 @@ impl Dynamics<MusclePoint> for BoucWen {
         state[0] = z;
     }
 
-    fn remembers(&self) -> bool {
-        true
-    }
-
     fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
         state[0] = share;
     }
@@ -216,6 +209,10 @@ impl Dynamics<MusclePoint> for BoucWen {
 impl MuscleTerm for BoucWen {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
         self.size.opposing(at, state[0], force_n)
+    }
+
+    fn remembers(&self) -> bool {
+        true
     }
 }
 
@@ -236,10 +233,6 @@ impl Dynamics<MusclePoint> for Duhem {
         state[0] = 1.0 - (-at.contraction.max(0.0) / self.reach).exp();
     }
 
-    fn remembers(&self) -> bool {
-        true
-    }
-
     fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
         state[0] = share * if share < 0.0 { self.asymmetry } else { 1.0 };
     }
@@ -257,5 +250,9 @@ impl Dynamics<MusclePoint> for Duhem {
 impl MuscleTerm for Duhem {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
         self.size.opposing(at, state[0], force_n)
+    }
+
+    fn remembers(&self) -> bool {
+        true
     }
 }

@@ -32,6 +32,11 @@ pub trait MuscleTerm: Dynamics<MusclePoint> + Send + Sync {
         Vec::new()
     }
 
+    /// Whether it has a memory of the motion, which [`Dynamics::lean`] sets.
+    fn remembers(&self) -> bool {
+        false
+    }
+
     /// What the muscle can exert at all of `force_n`, to which every other term has added \[N\].
     fn limit_n(&self, force_n: f64) -> f64 {
         force_n

@@ -16,11 +16,6 @@ pub trait Dynamics<Point> {
     /// Sets the states to what they are after a long rest at `at`.
     fn settle(&self, _at: &Point, _state: &mut [f64]) {}
 
-    /// Whether it has a memory of the motion that stays through a rest.
-    fn remembers(&self) -> bool {
-        false
-    }
-
     /// Where the memory of a motion stays through a rest, sets it to what it is after one that
     /// went, relative to its reach, by `share` contracting (to 1) or paying out (to −1).
     fn lean(&self, _at: &Point, _share: f64, _state: &mut [f64]) {}

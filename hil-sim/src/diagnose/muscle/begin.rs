@@ -27,14 +27,13 @@ pub(super) const FORCE_ALONE: Simulated = Simulated {
     motion: false,
 };
 
-/// Residuals, and how each state at the begin that is unknown changes them.
-pub(super) type Begun = (Residuals, Vec<Vec<f64>>);
-
-/// Residuals of `rig` that began as fits best: with what a motion before may have left in effects
-/// with a memory and in those that fade.
+/// Residuals of `rig`, by the memory it began with, for the begin that fits best: with what a motion
+/// before may have left in effects with a memory and in those that fade, as `fading` says for each
+/// of their states.
 pub(super) fn begun_best(
     rig: &Rig,
-    begun: impl Fn(Option<f64>) -> Option<Begun>,
+    mut fading: Vec<Vec<f64>>,
+    residuals: impl Fn(Option<f64>) -> Option<Residuals>,
 ) -> Option<Residuals> {
     let mut effects = rig.effects.iter();
     let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
@@ -42,25 +41,22 @@ pub(super) fn begun_best(
         _ => false,
     });
     if !remembers {
-        let (residuals, unknown) = begun(None)?;
-        return Some(forgotten(residuals, &unknown, None));
+        return Some(forgotten(residuals(None)?, &fading, None));
     }
     // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
-    let ((out, mut unknown), (drawn_in, _)) = (begun(Some(-1.0))?, begun(Some(1.0))?);
+    let (out, drawn_in) = (residuals(Some(-1.0))?, residuals(Some(1.0))?);
     let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
     };
-    unknown.push(half(&out.values, &drawn_in.values, -1.0));
     let middle = Residuals {
         values: half(&out.values, &drawn_in.values, 1.0),
         slack: half(&out.slack, &drawn_in.slack, 1.0),
     };
-    let share = likeliest(&middle, &unknown)
-        .iter()
-        .next_back()?
-        .clamp(-1.0, 1.0);
-    let (residuals, unknown) = begun(Some(share))?;
-    Some(forgotten(residuals, &unknown, Some(share)))
+    fading.push(half(&out.values, &drawn_in.values, -1.0));
+    let states = likeliest(&middle, &slopes(&fading));
+    fading.pop();
+    let share = states.iter().next_back()?.clamp(-1.0, 1.0);
+    Some(forgotten(residuals(Some(share))?, &fading, Some(share)))
 }
 
 impl Prepared {
@@ -105,36 +101,37 @@ fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
     Ok(all)
 }
 
-/// What unknown states at the begin, which act as `unknown` on `residuals` in the same units, most
-/// likely are.
-fn likeliest(residuals: &Residuals, unknown: &[Vec<f64>]) -> DVector<f64> {
-    let (rows, states) = (residuals.values.len(), unknown.len());
-    let slopes = slopes(rows, unknown);
+/// What unknown states at the begin, which change `residuals` with these slopes, most likely are.
+fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
+    let states = slopes.values.ncols();
     let linearized = Linearized {
         residuals,
-        slopes: &slopes,
+        slopes,
         priors: &vec![(0.0, SPREAD.recip()); states],
         damping: DVector::zeros(states),
     };
     linearized.minimum()
 }
 
-fn slopes(rows: usize, unknown: &[Vec<f64>]) -> Slopes {
+/// Slopes of residuals by states, of which there is one at least.
+fn slopes(unknown: &[Vec<f64>]) -> Slopes {
+    let (rows, states) = (unknown[0].len(), unknown.len());
     Slopes {
-        values: DMatrix::from_fn(rows, unknown.len(), |row, state| unknown[state][row]),
-        slack: DMatrix::zeros(rows, unknown.len()),
+        values: DMatrix::from_fn(rows, states, |row, state| unknown[state][row]),
+        slack: DMatrix::zeros(rows, states),
     }
 }
 
-/// `residuals` without what unknown states at the begin explain of them. What these then are
-/// follows, with the `memory` it began with, in standard deviations, as [`UNKNOWNS`] more: who
-/// needs an unlikely begin is no better for it.
+/// `residuals` without what unknown states at the begin, which act as `unknown`, explain of them.
+/// What these then are follows, with the `memory` it began with, in standard deviations, as
+/// [`UNKNOWNS`] more: who needs an unlikely begin is no better for it.
 fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
     let mut deviations = vec![0.0; UNKNOWNS];
     deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0) / SPREAD;
     if !unknown.is_empty() {
-        let states = likeliest(&residuals, unknown);
-        let change = slopes(residuals.values.len(), unknown).values * &states;
+        let slopes = slopes(unknown);
+        let states = likeliest(&residuals, &slopes);
+        let change = slopes.values * &states;
         for (value, change) in residuals.values.iter_mut().zip(&change) {
             *value += change;
         }

@@ -1,9 +1,9 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
 use super::along::Along;
-use super::begin::{Begun, FORCE_ALONE};
+use super::begin::FORCE_ALONE;
 use super::play::play;
-use super::prepared::Prepared;
+use super::prepared::{Place, Prepared};
 use super::{FORCE, MuscleModel, TOLERANCE};
 use crate::diagnose::least_squares::Residuals;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
@@ -91,7 +91,7 @@ pub(super) fn force_residuals(
     record: &Prepared,
     mut rig: Rig,
     memory: Option<f64>,
-) -> Option<Begun> {
+) -> Option<Residuals> {
     rig.load = Load::Prescribed;
     let measured = record.measured.column(FORCE_N)?;
     let forces_n = record.forces_n(&rig, memory)?;
@@ -107,16 +107,27 @@ pub(super) fn force_residuals(
         )
     };
     let rows = record.force_rows.iter().zip(&record.per_force_noise);
-    let (values, slack) = rows.clone().map(residual).unzip();
-    let unknown = record.fading_n(&rig)?.into_iter().map(|fading_n| {
-        let rows = rows.clone();
-        rows.map(|(row, per_noise)| fading_n[*row] * per_noise)
-            .collect()
-    });
-    Some((Residuals { values, slack }, unknown.collect()))
+    let (values, slack) = rows.map(residual).unzip();
+    Some(Residuals { values, slack })
 }
 
 impl Prepared {
+    /// How states that were off at the begin change the residuals of the force.
+    pub(super) fn fading_forces(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+        let rows = || self.force_rows.iter().zip(&self.per_force_noise);
+        let fading = self.fading_n(rig)?.into_iter();
+        let fading = fading.map(|n| rows().map(|(row, per_noise)| n[*row] * per_noise).collect());
+        Some(fading.collect())
+    }
+
+    /// How they change those of the load's balance, where that stands for the muscle's force too.
+    pub(super) fn fading_balances(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+        let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
+        let fading = self.fading_n(rig)?.into_iter();
+        let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
+        Some(fading.collect())
+    }
+
     /// The least and the most force that the muscle can have, row by row \[N\], if it began with
     /// such a memory.
     fn forces_n(&self, rig: &Rig, memory: Option<f64>) -> Option<Vec<(f64, f64)>> {
@@ -205,7 +216,7 @@ impl MuscleModel {
         record: &Prepared,
         mut rig: Rig,
         memory: Option<f64>,
-    ) -> Option<Begun> {
+    ) -> Option<Residuals> {
         let Load::Weight(weight) = rig.load else {
             return None;
         };
@@ -262,19 +273,7 @@ impl MuscleModel {
             (balance_n * place.per_noise, reach_n * place.per_noise)
         });
         let (values, slack) = residuals.unzip();
-        // A measured force has them in it.
-        let fading = if self.blocks.contains(&FORCE) {
-            Vec::new()
-        } else {
-            record.fading_n(&rig)?
-        };
-        let unknown = fading.into_iter().map(|fading_n| {
-            let places = record.places.iter();
-            places
-                .map(|place| place.kernel.value(&fading_n) * place.per_noise)
-                .collect()
-        });
-        Some((Residuals { values, slack }, unknown.collect()))
+        Some(Residuals { values, slack })
     }
 }
 
@@ -307,8 +306,11 @@ mod tests {
         let prepared = &prepared[0];
         let residuals = |memory| force_residuals(prepared, rig.clone(), memory);
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-        let settled = residuals(None).expect("residuals").0.values;
-        let best = begun_best(&rig, residuals).expect("residuals").values;
+        let settled = residuals(None).expect("residuals").values;
+        let fading = prepared.fading_forces(&rig).expect("fading");
+        let best = begun_best(&rig, fading, residuals)
+            .expect("residuals")
+            .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
         assert!(best.len() > 200, "{}", best.len());
         assert!(largest(&settled) > 10.0, "{}", largest(&settled));
