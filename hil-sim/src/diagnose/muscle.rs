@@ -8,6 +8,7 @@
 
 mod along;
 mod begin;
+mod force;
 mod kernel;
 mod play;
 mod prepared;
@@ -25,9 +26,11 @@ use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Effect, Load, Rig, Tolerance};
 use crate::simulate::simulate;
 use begin::{UNKNOWNS, begun_best};
+use force::{Force, Forces};
+use play::play;
 pub use prepared::Noise;
 use prepared::Prepared;
-use residuals::{force_residuals, gas_residuals};
+use residuals::{balances, force_residuals, gas_residuals, measured_n};
 
 /// Tolerance of the simulations.
 const TOLERANCE: f64 = 1e-4;
@@ -394,15 +397,21 @@ impl Model for MuscleModel {
         let mut rig = self.fitted(nominal, effects);
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
-            FORCE => begun_best(&rig, record.fading_forces(&rig)?, |memory| {
-                force_residuals(record, rig.clone(), memory)
-            }),
+            FORCE => {
+                let ways = record.ways(play(&rig));
+                let forces = Forces::new(&rig, &ways, Force::Read)?;
+                begun_best(&rig, &forces, record.fading_forces(&rig)?, |forces_n| {
+                    force_residuals(record, forces_n)
+                })
+            }
             _ => {
-                let balance = |memory| self.balances(record, rig.clone(), memory);
+                let balances = |forces_n: &[(f64, f64)]| balances(record, &rig, forces_n);
                 let mut residuals = if self.blocks.contains(&FORCE) {
-                    balance(None)?
+                    balances(&measured_n(record, &rig)?)?
                 } else {
-                    begun_best(&rig, record.fading_balances(&rig)?, balance)?
+                    let ways = record.ways(play(&rig));
+                    let forces = Forces::new(&rig, &ways, Force::True)?;
+                    begun_best(&rig, &forces, record.fading_balances(&rig)?, balances)?
                 };
                 rig.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

@@ -3,7 +3,7 @@
 //! Each form is a sum of relaxations (standard linear solids): right after a change the muscle
 //! pulls less than Eq 1 says if it was upward, and comes to Eq 1 with time.
 
-use super::{EffectKind, Form, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA};
+use super::{EffectKind, Form, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, lagged};
 use crate::plant::Term;
 use crate::plant::muscle::{MusclePoint, MuscleTerm};
 use crate::plant::term::Dynamics;
@@ -149,6 +149,13 @@ impl Dynamics<MusclePoint> for Relaxations {
         let drive = (self.drive.value)(at);
         for (i, (_, time_constant_s)) in self.branches.iter().enumerate() {
             rates[i] = (drive - state[i]) / time_constant_s;
+        }
+    }
+
+    fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
+        let (length_s, drives) = (to.time_s - from.time_s, [from, to].map(self.drive.value));
+        for (state, (_, time_constant_s)) in state.iter_mut().zip(&self.branches) {
+            *state = lagged(*state, drives, length_s, *time_constant_s);
         }
     }
 }

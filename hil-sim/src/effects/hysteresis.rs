@@ -131,19 +131,19 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
 
     // As if it had been drawn in from its full length.
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
-            *slider = at.contraction - at.contraction.clamp(-threshold, threshold);
+        for (slider, threshold) in state.iter_mut().zip(&self.thresholds) {
+            *slider = at.contraction - at.contraction.clamp(-*threshold, *threshold);
         }
     }
 
     fn lean(&self, at: &MusclePoint, share: f64, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
+        for (slider, threshold) in state.iter_mut().zip(&self.thresholds) {
             *slider = at.contraction - share * threshold;
         }
     }
 
     fn commit(&self, at: &MusclePoint, state: &mut [f64]) {
-        for (slider, threshold) in state.iter_mut().zip(self.thresholds) {
+        for (slider, threshold) in state.iter_mut().zip(&self.thresholds) {
             *slider = slider.clamp(at.contraction - threshold, at.contraction + threshold);
         }
     }
@@ -151,7 +151,7 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
 
 impl MuscleTerm for MaxwellSlip {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let elements = state.iter().zip(self.thresholds);
+        let elements = state.iter().zip(&self.thresholds);
         let stretch = elements
             .map(|(slider, threshold)| ((at.contraction - slider) / threshold).clamp(-1.0, 1.0));
         let share = stretch.sum::<f64>() / ELEMENTS as f64;
@@ -175,10 +175,32 @@ impl BoucWen {
     fn slope(&self, direction: f64, z: f64) -> f64 {
         1.0 - (direction * z).max(0.0).powf(self.sharpness)
     }
+
+    /// z after a way, which has no closed form.
+    fn walked(&self, z: f64, way: f64) -> f64 {
+        let (direction, reaches) = (way.signum(), way.abs() / self.reach);
+        let steps = (reaches / WALK_STEP).ceil();
+        let step = reaches / steps.max(1.0);
+        // How far it leans in the direction of motion, at most 1.
+        let mut leaning = direction * z;
+        let slope = |leaning: f64| self.slope(1.0, leaning);
+        for _ in 0..steps as u64 {
+            if leaning > 1.0 - WALK_END {
+                break;
+            }
+            let first = slope(leaning);
+            let second = slope(leaning + 0.5 * step * first);
+            let third = slope(leaning + 0.5 * step * second);
+            let last = slope(leaning + step * third);
+            leaning += step * (first + 2.0 * (second + third) + last) / 6.0;
+        }
+        direction * leaning.min(1.0)
+    }
 }
 
-/// Steps in which the way from the full length is walked where it has no closed form.
-const SETTLE_STEPS: u32 = 500;
+/// Steps of a Bouc–Wen's way \[reaches\], and from where on it is at its end.
+const WALK_STEP: f64 = 0.1;
+const WALK_END: f64 = 1e-9;
 
 impl Dynamics<MusclePoint> for BoucWen {
     fn states(&self) -> usize {
@@ -187,13 +209,7 @@ impl Dynamics<MusclePoint> for BoucWen {
 
     // As if it had been drawn in from its full length.
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
-        let step = at.contraction.max(0.0) / self.reach / f64::from(SETTLE_STEPS);
-        let mut z = 0.0;
-        for _ in 0..SETTLE_STEPS {
-            let middle = (z + 0.5 * step * self.slope(1.0, z)).min(1.0);
-            z = (z + step * self.slope(1.0, middle)).min(1.0);
-        }
-        state[0] = z;
+        state[0] = self.walked(0.0, at.contraction.max(0.0));
     }
 
     fn lean(&self, _: &MusclePoint, share: f64, state: &mut [f64]) {
@@ -203,6 +219,10 @@ impl Dynamics<MusclePoint> for BoucWen {
     fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
         let slope = self.slope(at.direction, state[0]);
         rates[0] = at.contraction_rate_per_s / self.reach * slope;
+    }
+
+    fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
+        state[0] = self.walked(state[0], to.contraction - from.contraction);
     }
 }
 
@@ -244,6 +264,16 @@ impl Dynamics<MusclePoint> for Duhem {
             1.0 - state[0]
         };
         rates[0] = at.contraction_rate_per_s / self.reach * left;
+    }
+
+    fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
+        let way = to.contraction - from.contraction;
+        let (end, reach) = if way < 0.0 {
+            (-self.asymmetry, self.reach * self.asymmetry)
+        } else {
+            (1.0, self.reach)
+        };
+        state[0] = end + (state[0] - end) * (-way.abs() / reach).exp();
     }
 }
 

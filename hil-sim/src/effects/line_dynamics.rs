@@ -3,6 +3,7 @@
 
 use super::{
     AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, REFERENCE_PRESSURE_PA, STATE_PA,
+    lagged,
 };
 use crate::plant::Term;
 use crate::plant::gas::GAS_CONSTANT_J_PER_KG_K;
@@ -141,6 +142,13 @@ impl Dynamics<MusclePoint> for LaggingMuscle {
 
     fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
         rates[0] = (at.pressure.0 / STATE_PA - state[0]) / self.lag_s;
+    }
+
+    fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
+        let drives = [from, to].map(|at| at.pressure.0 / STATE_PA);
+        for state in state {
+            *state = lagged(*state, drives, to.time_s - from.time_s, self.lag_s);
+        }
     }
 }
 

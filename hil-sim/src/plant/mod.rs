@@ -160,9 +160,6 @@ pub struct Plant {
     pub atmospheric: AbsolutePa<f64>,
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
-    /// How the memories of motion lean where a simulation begins, from −1, after paying out, to 1;
-    /// `None`: as settled, or as a resting weight tells.
-    pub memory: Option<f64>,
     states: usize,
 }
 
@@ -284,7 +281,6 @@ impl Plant {
             },
             atmospheric: gas.atmospheric_pressure,
             ambient_temperature_k: gas.ambient_temperature_k,
-            memory: None,
             states: NOMINAL_STATES,
         };
         for effect in &rig.effects {
@@ -483,10 +479,6 @@ impl Plant {
     /// Where a rate-independent memory stands is not seen in a single instant. A weight at rest
     /// tells: its forces are in balance, to within static friction. One that pays out tells too.
     fn lean(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
-        if let Some(share) = self.memory {
-            self.update_terms(Update::Lean(share), time_s, drive, state);
-            return;
-        }
         let Some(load) = &self.load else { return };
         if state[CONTRACTION_RATE] < 0.0 {
             self.update_terms(Update::Lean(-1.0), time_s, drive, state);
@@ -508,8 +500,9 @@ impl Plant {
         }
     }
 
-    /// Settles the states of all terms, or renews their memory, from the supply to the sensors.
-    fn update_terms(&self, how: Update, time_s: f64, drive: &Drive, state: &mut [f64]) {
+    /// Settles the states of all terms, leans them, or renews their memory, from the supply to the
+    /// sensors.
+    pub(crate) fn update_terms(&self, how: Update, time_s: f64, drive: &Drive, state: &mut [f64]) {
         if state.len() <= NOMINAL_STATES {
             return;
         }
@@ -529,6 +522,19 @@ impl Plant {
         if !self.sensors.terms.is_empty() {
             let sensors = self.sensor_point(time_s, state);
             self.sensors.terms.update(how, &sensors, state);
+        }
+    }
+
+    /// Takes the states of muscle and sensors on where pressure and contraction are inputs: from an
+    /// instant to another, at which those are already in `state`.
+    pub(crate) fn follow(&self, (from_s, before): (f64, &[f64]), to_s: f64, state: &mut [f64]) {
+        let from = self.muscle_point(from_s, before);
+        let to = self.muscle_point(to_s, state);
+        self.muscle.terms.follow(&from, &to, state);
+        if !self.sensors.terms.is_empty() {
+            let from = self.sensor_point(from_s, before);
+            let to = self.sensor_point(to_s, state);
+            self.sensors.terms.follow(&from, &to, state);
         }
     }
 

@@ -394,8 +394,8 @@ impl<const N: usize> Trajectory<N> {
         drive: &Drive,
         until_s: f64,
     ) -> Result<(), SimulationError> {
-        if N == NOMINAL_STATES && plant.load.is_none() && plant.pneumatics.is_none() {
-            self.follow_inputs(drive, until_s);
+        if plant.load.is_none() && plant.pneumatics.is_none() {
+            self.follow_inputs(plant, drive, until_s);
             return Ok(());
         }
         let (mut after_jump, mut rates) = match self.rates.take() {
@@ -466,11 +466,15 @@ impl<const N: usize> Trajectory<N> {
     }
 
     /// Goes to `until_s` where all is input, and straight between its samples.
-    fn follow_inputs(&mut self, drive: &Drive, until_s: f64) {
-        let way_s = until_s - self.time_s;
+    fn follow_inputs(&mut self, plant: &Plant, drive: &Drive, until_s: f64) {
+        let (from_s, before) = (self.time_s, self.state);
+        let way_s = until_s - from_s;
         self.state[CONTRACTION] += drive.contraction_rate_per_s * way_s;
         self.state[PRESSURE] += drive.pressure_rate_pa_per_s * way_s;
         self.time_s = until_s;
+        if N > NOMINAL_STATES {
+            plant.follow((from_s, &before), until_s, &mut self.state);
+        }
     }
 
     /// Goes to `event` in `step` and into the regime that follows it.

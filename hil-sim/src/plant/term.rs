@@ -25,6 +25,13 @@ pub trait Dynamics<Point> {
 
     /// Renews the memory after an accepted step that ended at `at`.
     fn commit(&self, _at: &Point, _state: &mut [f64]) {}
+
+    /// Takes the states on where all that the term sees is an input, and goes straight `from` one
+    /// instant `to` another: what integrating the rates would give, without its cost. A term of
+    /// muscle or sensors that has rates must have its own.
+    fn follow(&self, _from: &Point, to: &Point, state: &mut [f64]) {
+        self.commit(to, state);
+    }
 }
 
 /// The terms of one block, each with its place in the plant's state.
@@ -98,6 +105,17 @@ impl<T: ?Sized> Terms<T> {
         for slot in self.slots.iter().filter(|slot| slot.states > 0) {
             let own = slot.first..slot.first + slot.states;
             slot.term.rates(at, &state[own.clone()], &mut rates[own]);
+        }
+    }
+
+    /// Takes the terms' states on from one instant to another.
+    pub fn follow<Point>(&self, from: &Point, to: &Point, state: &mut [f64])
+    where
+        T: Dynamics<Point>,
+    {
+        for slot in self.slots.iter().filter(|slot| slot.states > 0) {
+            let own = slot.first..slot.first + slot.states;
+            slot.term.follow(from, to, &mut state[own]);
         }
     }
 

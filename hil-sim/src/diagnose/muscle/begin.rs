@@ -6,11 +6,12 @@
 //! constants: it is estimated from each record, the predicted ones too, and counts by how likely it
 //! is. So does the memory of a hysteresis, which no rest settles.
 
+use super::force::{FORCE_ALONE, Forces};
 use super::prepared::Prepared;
 use crate::diagnose::least_squares::{Linearized, Residuals, Slopes};
 use crate::error::BadInput;
 use crate::plant::muscle::MusclePoint;
-use crate::plant::{Plant, Simulated, Term};
+use crate::plant::{Plant, Term};
 use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::{Load, Rig};
 use model_core::pressure::GaugePa;
@@ -21,19 +22,14 @@ const SPREAD: f64 = 0.5;
 /// States at the begin that are unknown at most: of a creep, and the memory of a hysteresis.
 pub(super) const UNKNOWNS: usize = 5;
 
-/// Muscle and instruments, on measured pressure and contraction.
-pub(super) const FORCE_ALONE: Simulated = Simulated {
-    pressure: false,
-    motion: false,
-};
-
-/// Residuals of `rig`, by the memory it began with, for the begin that fits best: with what a motion
-/// before may have left in effects with a memory and in those that fade, as `fading` says for each
-/// of their states.
+/// Residuals of `rig`, by the forces that its muscle may have, for the begin that fits best: with
+/// what a motion before may have left in effects with a memory and in those that fade, as `fading`
+/// says for each of their states.
 pub(super) fn begun_best(
     rig: &Rig,
+    forces: &Forces,
     mut fading: Vec<Vec<f64>>,
-    residuals: impl Fn(Option<f64>) -> Option<Residuals>,
+    residuals: impl Fn(&[(f64, f64)]) -> Option<Residuals>,
 ) -> Option<Residuals> {
     let mut effects = rig.effects.iter();
     let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
@@ -41,10 +37,12 @@ pub(super) fn begun_best(
         _ => false,
     });
     if !remembers {
-        return Some(forgotten(residuals(None)?, &fading, None));
+        return Some(forgotten(residuals(&forces.settled_n()?)?, &fading, None));
     }
     // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
-    let (out, drawn_in) = (residuals(Some(-1.0))?, residuals(Some(1.0))?);
+    let ends = forces.ends()?;
+    let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)));
+    let (out, drawn_in) = (out?, drawn_in?);
     let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
     };
@@ -56,7 +54,8 @@ pub(super) fn begun_best(
     let states = likeliest(&middle, &slopes(&fading));
     fading.pop();
     let share = states.iter().next_back()?.clamp(-1.0, 1.0);
-    Some(forgotten(residuals(Some(share))?, &fading, Some(share)))
+    let forces_n = forces.between_n(&ends, share)?;
+    Some(forgotten(residuals(&forces_n)?, &fading, Some(share)))
 }
 
 impl Prepared {

@@ -77,6 +77,16 @@ pub(super) fn play(rig: &Rig) -> f64 {
 }
 
 impl Prepared {
+    /// The measured record, or where an encoder's play leaves it open the two ends of what it may
+    /// be.
+    pub(super) fn ways(&self, play: f64) -> Vec<Cow<'_, Record>> {
+        if play == 0.0 {
+            return vec![Cow::Borrowed(&self.measured)];
+        }
+        let of = |may| self.unplayed(play, &self.measured, Some(may));
+        [1.0, -1.0].map(of).to_vec()
+    }
+
     /// `record` with the contraction that an encoder with `play` has read so; where the encoder
     /// rests the muscle is where it `may` be in the play, from −1 to 1, or where it most likely is.
     pub(super) fn unplayed<'a>(

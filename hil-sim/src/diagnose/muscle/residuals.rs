@@ -1,10 +1,10 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
+use super::TOLERANCE;
 use super::along::Along;
-use super::begin::FORCE_ALONE;
+use super::force::FORCE_ALONE;
 use super::play::play;
 use super::prepared::{Place, Prepared};
-use super::{FORCE, MuscleModel, TOLERANCE};
 use crate::diagnose::least_squares::Residuals;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
 use crate::plant::sensors::Reading;
@@ -26,39 +26,22 @@ const STEPS_PER_ROW: f64 = 2.0;
 /// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
 const LEAST_SHARE_OF_MASS: f64 = 0.5;
 
-/// Runs `rig` with a prescribed load on the inputs of `record`, beginning with such a memory: what
-/// is read, and the true force.
-fn run(rig: &Rig, record: &Record, memory: Option<f64>) -> Option<Vec<(Reading, f64)>> {
-    run_on(rig, Inputs::new(rig, record).ok()?, record, memory)
-}
-
-fn run_on(
-    rig: &Rig,
-    inputs: Inputs,
-    record: &Record,
-    memory: Option<f64>,
-) -> Option<Vec<(Reading, f64)>> {
-    let mut plant = Plant::new(rig, inputs.simulated).ok()?;
-    plant.memory = memory;
-    let first = |name: &str| {
-        record
-            .column(name)
-            .and_then(|c| c.iter().find(|v| !v.is_nan()))
-    };
+/// The pressure that is read in each row \[Pa\], with the contraction as an input.
+fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> {
+    let plant = Plant::new(rig, inputs.simulated).ok()?;
+    let mut pressure_pa = record.column(PRESSURE_PA)?.iter();
     let initial = Initial {
         time_s: record.time_s()[0],
         contraction: inputs.contraction(0)?,
         contraction_rate_per_s: 0.0,
-        pressure: inputs
-            .pressure(0)
-            .or(first(PRESSURE_PA).map(|p| GaugePa(*p)))?,
+        pressure: GaugePa(*pressure_pa.find(|pressure_pa| !pressure_pa.is_nan())?),
         temperature_k: plant.ambient_temperature_k,
     };
     let rows = record.time_s().len();
     let mut out = Vec::with_capacity(rows);
     let start_s = record.time_s()[0];
     let visit = |row: usize, simulation: &Simulation| {
-        out.push((simulation.read(), simulation.force_n()));
+        out.push(simulation.read().pressure.0);
         let spent_s = record.time_s()[row] - start_s;
         let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
         if simulation.work().steps as f64 > most {
@@ -77,9 +60,9 @@ pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals
     let measured = played.column(PRESSURE_PA)?;
     let mut inputs = Inputs::new(&rig, &played).ok()?;
     inputs.inert = inert;
-    let read = run_on(&rig, inputs, &played, None)?;
+    let read_pa = pressures_pa(&rig, inputs, &played)?;
     let residual = |row: &usize| {
-        let simulated_pa = record.pressure_span.read(read[*row].0.pressure.0);
+        let simulated_pa = record.pressure_span.read(read_pa[*row]);
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
     };
     Some(Residuals::exact(
@@ -87,14 +70,9 @@ pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals
     ))
 }
 
-pub(super) fn force_residuals(
-    record: &Prepared,
-    mut rig: Rig,
-    memory: Option<f64>,
-) -> Option<Residuals> {
-    rig.load = Load::Prescribed;
+/// Of the force that the muscle may read at least and at most, row by row \[N\].
+pub(super) fn force_residuals(record: &Prepared, forces_n: &[(f64, f64)]) -> Option<Residuals> {
     let measured = record.measured.column(FORCE_N)?;
-    let forces_n = record.forces_n(&rig, memory)?;
     // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
     // right because the sensor cannot tell.
     let most_n = record.force_span.most;
@@ -126,24 +104,6 @@ impl Prepared {
         let fading = self.fading_n(rig)?.into_iter();
         let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
         Some(fading.collect())
-    }
-
-    /// The least and the most force that the muscle can have, row by row \[N\], if it began with
-    /// such a memory.
-    fn forces_n(&self, rig: &Rig, memory: Option<f64>) -> Option<Vec<(f64, f64)>> {
-        let play = play(rig);
-        let of = |may: Option<f64>| {
-            let read = run(rig, &self.unplayed(play, &self.measured, may), memory)?;
-            Some(
-                read.into_iter()
-                    .map(|(read, force_n)| (read.force_n, force_n)),
-            )
-        };
-        if play == 0.0 {
-            return Some(of(None)?.map(|(read_n, _)| (read_n, read_n)).collect());
-        }
-        let pairs = of(Some(1.0))?.zip(of(Some(-1.0))?);
-        Some(pairs.map(|((a, _), (b, _))| (a.min(b), a.max(b))).collect())
     }
 
     /// What the encoder reads on the stop, where a muscle is as long as it can be.
@@ -178,109 +138,94 @@ fn load_block(rig: &Rig, weight: Weight) -> (LoadBlock, usize) {
     (load, states)
 }
 
-impl MuscleModel {
-    /// The least and the most force that works on the weight, row by row \[N\]: the measured one,
-    /// where there is one.
-    fn loading_n(
-        &self,
-        record: &Prepared,
-        rig: &mut Rig,
-        memory: Option<f64>,
-    ) -> Option<Vec<(f64, f64)>> {
-        if !self.blocks.contains(&FORCE) {
-            rig.load = Load::Prescribed;
-            return record.forces_n(rig, memory);
-        }
-        let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
-        let measured_n = record.measured.column(FORCE_N)?.iter();
-        let truth = |(force_n, time_s): (&f64, &f64)| {
-            let reading = Reading {
-                pressure: GaugePa(0.0),
-                contraction: 0.0,
-                force_n: *force_n,
-            };
-            let true_n = sensors.truth(*time_s, reading).force_n;
-            (true_n, true_n)
+/// The measured force as it works on the weight, row by row \[N\].
+pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+    let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
+    let measured_n = record.measured.column(FORCE_N)?.iter();
+    let truth = |(force_n, time_s): (&f64, &f64)| {
+        let reading = Reading {
+            pressure: GaugePa(0.0),
+            contraction: 0.0,
+            force_n: *force_n,
         };
-        Some(
-            measured_n
-                .zip(record.measured.time_s())
-                .map(truth)
-                .collect(),
-        )
-    }
+        let true_n = sensors.truth(*time_s, reading).force_n;
+        (true_n, true_n)
+    };
+    Some(
+        measured_n
+            .zip(record.measured.time_s())
+            .map(truth)
+            .collect(),
+    )
+}
 
-    /// How far the balance of forces on the weight lies outside what friction can take up.
-    pub(super) fn balances(
-        &self,
-        record: &Prepared,
-        mut rig: Rig,
-        memory: Option<f64>,
-    ) -> Option<Residuals> {
-        let Load::Weight(weight) = rig.load else {
-            return None;
-        };
-        let (load, states) = load_block(&rig, weight);
-        let play = play(&rig);
-        let played = record.unplayed(play, &record.measured, None);
-        let forces_n = self.loading_n(record, &mut rig, memory)?;
-        let contraction = played.column(CONTRACTION)?;
-        let time_s = record.measured.time_s();
-        let mut along = Along::new(states);
-        let rows: Vec<[f64; 3]> = (0..time_s.len())
-            .map(|row| {
-                let direction = record.directions[row];
-                let at = LoadPoint {
-                    time_s: time_s[row],
-                    contraction: contraction[row],
-                    contraction_rate_per_s: record.rates_per_s[row],
-                    direction,
-                    initial_length_m: load.initial_length_m,
-                };
-                let place = record.path[row] + play * record.sides[row];
-                let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
-                let (middle_n, reach_n) = if direction == 0.0 {
-                    (0.0, weight.static_friction_n)
-                } else {
-                    (direction * weight.coulomb_friction_n, 0.0)
-                };
-                let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
-                let (least_n, most_n) = forces_n[row];
-                [
-                    0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
-                    reach_n + doubt_n + 0.5 * (most_n - least_n),
-                    weight.mass_kg,
-                ]
-            })
-            .collect();
-        // With hardly a weight the balance holds for any muscle that is slack.
-        let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
-        if rows.iter().any(|row| row[2] < least_kg) {
-            return None;
-        }
-        let residuals = record.places.iter().map(|place| {
-            let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
-            let kernel = &place.kernel;
-            for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
-                balance_n += weight * row[0];
-                reach_n += weight * row[1];
-                mass_kg += weight * row[2];
-            }
-            balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
-                + load.weight.viscous_damping_ns_per_m
-                    * load.initial_length_m
-                    * kernel.first(contraction);
-            (balance_n * place.per_noise, reach_n * place.per_noise)
-        });
-        let (values, slack) = residuals.unzip();
-        Some(Residuals { values, slack })
+/// How far the balance of forces on the weight lies outside what friction can take up, under
+/// the least and the most force that the muscle may have, row by row \[N\].
+pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) -> Option<Residuals> {
+    let Load::Weight(weight) = rig.load else {
+        return None;
+    };
+    let (load, states) = load_block(rig, weight);
+    let play = play(rig);
+    let played = record.unplayed(play, &record.measured, None);
+    let contraction = played.column(CONTRACTION)?;
+    let time_s = record.measured.time_s();
+    let mut along = Along::new(states);
+    let rows: Vec<[f64; 3]> = (0..time_s.len())
+        .map(|row| {
+            let direction = record.directions[row];
+            let at = LoadPoint {
+                time_s: time_s[row],
+                contraction: contraction[row],
+                contraction_rate_per_s: record.rates_per_s[row],
+                direction,
+                initial_length_m: load.initial_length_m,
+            };
+            let place = record.path[row] + play * record.sides[row];
+            let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
+            let (middle_n, reach_n) = if direction == 0.0 {
+                (0.0, weight.static_friction_n)
+            } else {
+                (direction * weight.coulomb_friction_n, 0.0)
+            };
+            let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+            let (least_n, most_n) = forces_n[row];
+            [
+                0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                reach_n + doubt_n + 0.5 * (most_n - least_n),
+                weight.mass_kg,
+            ]
+        })
+        .collect();
+    // With hardly a weight the balance holds for any muscle that is slack.
+    let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
+    if rows.iter().any(|row| row[2] < least_kg) {
+        return None;
     }
+    let residuals = record.places.iter().map(|place| {
+        let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+        let kernel = &place.kernel;
+        for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
+            balance_n += weight * row[0];
+            reach_n += weight * row[1];
+            mass_kg += weight * row[2];
+        }
+        balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
+            + load.weight.viscous_damping_ns_per_m
+                * load.initial_length_m
+                * kernel.first(contraction);
+        (balance_n * place.per_noise, reach_n * place.per_noise)
+    });
+    let (values, slack) = residuals.unzip();
+    Some(Residuals { values, slack })
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::begin::{UNKNOWNS, begun_best};
+    use super::super::force::{Force, Forces};
     use super::*;
+    use std::borrow::Cow;
 
     /// With one way to go a Dahl friction keeps its begin in proportion.
     #[test]
@@ -297,18 +242,23 @@ mod tests {
         );
         let pressure_pa = time_s.iter().map(|t| 2e5 + 5e4 * (3.0 * t).sin());
         record.set(PRESSURE_PA, pressure_pa.collect());
-        let truth = run(&rig, &record, Some(0.5)).expect("simulated");
-        record.set(
-            FORCE_N,
-            truth.iter().map(|(read, _)| read.force_n).collect(),
-        );
+        let half_n = {
+            let records = [Cow::Borrowed(&record)];
+            let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
+            forces.between_n(&forces.ends().expect("ends"), 0.5)
+        };
+        let force_n = half_n.expect("forces").iter().map(|(n, _)| *n).collect();
+        record.set(FORCE_N, force_n);
         let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
         let prepared = &prepared[0];
-        let residuals = |memory| force_residuals(prepared, rig.clone(), memory);
+        let records = prepared.ways(0.0);
+        let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
+        let residuals = |forces_n: &[(f64, f64)]| force_residuals(prepared, forces_n);
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-        let settled = residuals(None).expect("residuals").values;
+        let settled = residuals(&forces.settled_n().expect("forces"));
+        let settled = settled.expect("residuals").values;
         let fading = prepared.fading_forces(&rig).expect("fading");
-        let best = begun_best(&rig, fading, residuals)
+        let best = begun_best(&rig, &forces, fading, residuals)
             .expect("residuals")
             .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);

@@ -1,0 +1,210 @@
+//! The muscle's force along a measured motion.
+
+use crate::plant::term::Update;
+use crate::plant::{CONTRACTION, Drive, PRESSURE, Plant, Simulated};
+use crate::record::Record;
+use crate::rig::{Load, Rig};
+use crate::simulate::Inputs;
+use std::borrow::Cow;
+
+/// Muscle and instruments, on measured pressure and contraction.
+pub(super) const FORCE_ALONE: Simulated = Simulated {
+    pressure: false,
+    motion: false,
+};
+/// States that differ by less are the same.
+const SAME: f64 = 1e-8;
+
+/// Which force.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Force {
+    /// That which the sensor reads.
+    Read,
+    /// That which the muscle has.
+    True,
+}
+
+/// A muscle that is driven through a record.
+struct Driven<'a> {
+    plant: Plant,
+    inputs: Inputs<'a>,
+    force: Force,
+}
+
+/// Forces \[N\], row by row, of a muscle that began with its memory at −1 and at 1.
+struct Ends {
+    forces_n: [Vec<f64>; 2],
+    /// From this row on they are the same: the begin is forgotten.
+    met: usize,
+}
+
+/// The muscle's force along a motion that is known but for what an encoder's play leaves open.
+pub(super) struct Forces<'a>(Vec<Driven<'a>>);
+
+/// The same from either end of what its memory may be at the begin.
+pub(super) struct ForceEnds(Vec<Ends>);
+
+/// The least and the most of forces, row by row \[N\].
+fn spanned(mut all: impl Iterator<Item = Vec<f64>>) -> Vec<(f64, f64)> {
+    let first = all.next().unwrap_or_default();
+    let mut spans: Vec<(f64, f64)> = first.into_iter().map(|n| (n, n)).collect();
+    for forces_n in all {
+        for (span, n) in spans.iter_mut().zip(forces_n) {
+            *span = (span.0.min(n), span.1.max(n));
+        }
+    }
+    spans
+}
+
+impl<'a> Forces<'a> {
+    /// Of the muscle of `rig`, along any of `records`.
+    pub(super) fn new(rig: &Rig, records: &'a [Cow<Record>], force: Force) -> Option<Forces<'a>> {
+        let driven = records.iter().map(|record| Driven::new(rig, record, force));
+        Some(Forces(driven.collect::<Option<_>>()?))
+    }
+
+    /// Settled at the begin.
+    pub(super) fn settled_n(&self) -> Option<Vec<(f64, f64)>> {
+        let all = self.0.iter().map(Driven::settled_n);
+        Some(spanned(all.collect::<Option<Vec<_>>>()?.into_iter()))
+    }
+
+    /// With the memory at either end at the begin.
+    pub(super) fn ends(&self) -> Option<ForceEnds> {
+        let ends = self.0.iter().map(Driven::ends);
+        Some(ForceEnds(ends.collect::<Option<_>>()?))
+    }
+
+    /// With the memory at this share between `ends` at the begin.
+    pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<(f64, f64)>> {
+        let pairs = self.0.iter().zip(&ends.0);
+        let all = pairs.map(|(driven, ends)| driven.between_n(ends, share));
+        Some(spanned(all.collect::<Option<Vec<_>>>()?.into_iter()))
+    }
+}
+
+impl ForceEnds {
+    /// From −1 (0) or from 1 (1).
+    pub(super) fn forces_n(&self, end: usize) -> Vec<(f64, f64)> {
+        spanned(self.0.iter().map(|ends| ends.forces_n[end].clone()))
+    }
+}
+
+impl<'a> Driven<'a> {
+    fn new(rig: &Rig, record: &'a Record, force: Force) -> Option<Driven<'a>> {
+        let mut rig = rig.clone();
+        rig.load = Load::Prescribed;
+        let inputs = Inputs::new(&rig, record).ok()?;
+        let plant = Plant::new(&rig, FORCE_ALONE).ok()?;
+        (inputs.simulated == FORCE_ALONE).then_some(Driven {
+            plant,
+            inputs,
+            force,
+        })
+    }
+
+    fn settled_n(&self) -> Option<Vec<f64>> {
+        let ([forces_n], _) = self.forces_n([None], self.inputs.time_s.len())?;
+        Some(forces_n)
+    }
+
+    fn ends(&self) -> Option<Ends> {
+        let begins = [Some(-1.0), Some(1.0)];
+        let (forces_n, met) = self.forces_n(begins, self.inputs.time_s.len())?;
+        Some(Ends { forces_n, met })
+    }
+
+    fn between_n(&self, ends: &Ends, share: f64) -> Option<Vec<f64>> {
+        let ([mut forces_n], _) = self.forces_n([Some(share)], ends.met)?;
+        forces_n.extend(&ends.forces_n[0][ends.met..]);
+        Some(forces_n)
+    }
+
+    /// Forces in the first rows from several begins, settled or leaning by a share, and from which
+    /// row on all are the same.
+    fn forces_n<const N: usize>(
+        &self,
+        begins: [Option<f64>; N],
+        rows: usize,
+    ) -> Option<([Vec<f64>; N], usize)> {
+        let Driven { plant, inputs, .. } = self;
+        let drive = Drive::default();
+        let mut states = [(); N].map(|()| vec![0.0; plant.states()]);
+        let mut before = vec![0.0; plant.states()];
+        let mut forces_n = [(); N].map(|()| Vec::with_capacity(inputs.time_s.len()));
+        let mut met = inputs.time_s.len();
+        for row in 0..rows {
+            let time_s = inputs.time_s[row];
+            let contraction = inputs.contraction(row)?;
+            let pressure = inputs.pressure(row)?.to_absolute(plant.atmospheric);
+            let apart = if row < met { N } else { 1 };
+            for (state, begin) in states[..apart].iter_mut().zip(begins) {
+                before.copy_from_slice(state);
+                (state[CONTRACTION], state[PRESSURE]) = (contraction, pressure.0);
+                if row > 0 {
+                    plant.follow((inputs.time_s[row - 1], &before), time_s, state);
+                    continue;
+                }
+                plant.settle(time_s, &drive, state);
+                if let Some(share) = begin {
+                    plant.update_terms(Update::Lean(share), time_s, &drive, state);
+                }
+            }
+            for (forces_n, state) in forces_n.iter_mut().zip(&states[..apart]) {
+                forces_n.push(match self.force {
+                    Force::Read => plant.read(time_s, state).force_n,
+                    Force::True => plant.force_n(time_s, state),
+                });
+            }
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() < SAME;
+            let same = |pair: &[Vec<f64>]| pair[0].iter().zip(&pair[1]).all(near);
+            if N > 1 && row < met && states.windows(2).all(same) {
+                met = row + 1;
+            }
+        }
+        if let Some((first, others)) = forces_n.split_first_mut() {
+            for other in others {
+                other.extend(&first[other.len()..]);
+            }
+        }
+        Some((forces_n, met))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{CONTRACTION, PRESSURE_PA};
+
+    /// A begin that both ends have forgotten is not run through to the end of the record, and what
+    /// is taken from them instead is what would have come of it.
+    #[test]
+    fn a_begin_is_forgotten_where_both_its_ends_have_met() {
+        for form in [
+            "maxwell-slip\"\nspread = 4.0",
+            "duhem\"\nasymmetry = 1.5",
+            "bouc-wen\"\nsharpness = 2.0",
+        ] {
+            let effect = format!(
+                "[[effect]]\nname = \"hysteresis\"\nform = \"{form}\nforce_n = 20.0\n\
+                 reach = 0.005\nbase_share = 0.2\n"
+            );
+            let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
+            let time_s: Vec<f64> = (0..1000).map(|row| 0.01 * f64::from(row)).collect();
+            let mut record = Record::new(time_s.clone());
+            let contraction = time_s.iter().map(|t| 0.1 + 0.08 * (2.0 * t).sin());
+            record.set(CONTRACTION, contraction.collect());
+            record.set(PRESSURE_PA, vec![2e5; time_s.len()]);
+            let driven = Driven::new(&rig.expect("a rig"), &record, Force::True).expect("driven");
+            let ends = driven.ends().expect("forces");
+            assert!((10..400).contains(&ends.met), "{form}: {}", ends.met);
+            assert!(ends.forces_n[0][0] - ends.forces_n[1][0] > 10.0);
+            let between_n = driven.between_n(&ends, 0.3).expect("forces");
+            let ([whole_n], _) = driven.forces_n([Some(0.3)], 1000).expect("forces");
+            assert_eq!(between_n.len(), 1000);
+            for (a, b) in between_n.iter().zip(&whole_n) {
+                assert!((a - b).abs() < 1e-4, "{form}: {a}, {b}");
+            }
+        }
+    }
+}
