@@ -8,6 +8,7 @@
 //! of the model (prox-linear method: Lewis & Wright 2016; damping: Marquardt 1963).
 
 use nalgebra::{DMatrix, DVector};
+use std::cmp::Ordering;
 
 /// Residuals beyond this many standard deviations count less.
 const OUTLIER: f64 = 4.0;
@@ -177,21 +178,46 @@ impl Linearized<'_> {
         rows + 0.5 * priors.sum::<f64>()
     }
 
-    /// Gradient and curvature of cost and damping after `step`.
-    fn bend(&self, step: &DVector<f64>) -> (DVector<f64>, DMatrix<f64>) {
-        let moved = self.moved(step);
-        let mut slopes = self.slopes.outside(&moved);
-        let mut rows = DVector::from_iterator(moved.values.len(), moved.outside());
-        for (row, residual) in rows.iter_mut().enumerate() {
-            let root = weight(*residual).sqrt();
-            *residual *= root;
-            if root < 1.0 {
-                slopes.row_mut(row).scale_mut(root);
+    /// Gradient and curvature of cost and damping after `step`, which brings the residuals to
+    /// `moved`. `slopes` is room for those of what lies outside.
+    fn bend(
+        &self,
+        step: &DVector<f64>,
+        moved: &Residuals,
+        slopes: &mut DMatrix<f64>,
+    ) -> (DVector<f64>, DMatrix<f64>) {
+        let roots: Vec<f64> = moved.outside().map(|row| weight(row).sqrt()).collect();
+        let rows = moved.outside().zip(&roots).map(|(row, root)| row * root);
+        let rows = DVector::from_iterator(roots.len(), rows);
+        // What is inside a dead zone has no slope; what is above one falls as that grows.
+        let signs: Vec<[f64; 2]> = rows
+            .iter()
+            .zip(&roots)
+            .map(|(row, root)| match row.partial_cmp(&0.0) {
+                Some(Ordering::Greater) => [*root, -*root],
+                Some(Ordering::Less) => [*root, *root],
+                _ => [0.0, 0.0],
+            })
+            .collect();
+        let size = step.len();
+        let length = roots.len().max(1);
+        let columns = self.slopes.values.as_slice().chunks_exact(length);
+        let columns = columns.zip(self.slopes.slack.as_slice().chunks_exact(length));
+        let own = slopes.as_mut_slice().chunks_exact_mut(length);
+        for (own, (values, slack)) in own.zip(columns) {
+            let pairs = values.iter().zip(slack).zip(&signs);
+            for (own, ((value, slack), [of_value, of_slack])) in own.iter_mut().zip(pairs) {
+                *own = of_value * value + of_slack * slack;
             }
         }
         let mut gradient = slopes.tr_mul(&rows);
-        let mut curvature = slopes.tr_mul(&slopes);
+        let mut curvature = DMatrix::zeros(size, size);
         for (place, (residual, slope)) in self.priors.iter().enumerate() {
+            for other in 0..=place {
+                let product = slopes.column(place).dot(&slopes.column(other));
+                curvature[(place, other)] = product;
+                curvature[(other, place)] = product;
+            }
             gradient[place] +=
                 slope * (residual + slope * step[place]) + self.damping[place] * step[place];
             curvature[(place, place)] += slope * slope + self.damping[place];
@@ -199,37 +225,43 @@ impl Linearized<'_> {
         (gradient, curvature)
     }
 
-    /// Slope of cost and damping along `direction` after `step`.
-    fn slope(&self, step: &DVector<f64>, direction: &Direction) -> f64 {
-        let moved = self.moved(step);
-        let rows = moved
-            .outside()
-            .zip(direction.values.iter().zip(&direction.slack));
-        let rows = rows.map(|(outside, (value, slack))| {
+    /// Slope of cost and damping along `direction`, a share of it after `step`, which brings the
+    /// residuals to `moved`.
+    fn slope(
+        &self,
+        step: &DVector<f64>,
+        moved: &Residuals,
+        direction: &Direction,
+        share: f64,
+    ) -> f64 {
+        let rows = moved.values.iter().zip(&moved.slack);
+        let rows = rows.zip(direction.values.iter().zip(&direction.slack));
+        let rows = rows.map(|((value, slack), (along, widening))| {
+            let outside = outside(value + share * along, slack + share * widening);
             let along = if outside < 0.0 {
-                value + slack
+                along + widening
             } else {
-                value - slack
+                along - widening
             };
             outside * weight(outside) * along
         });
-        let priors = self
-            .priors
-            .iter()
-            .enumerate()
-            .map(|(place, (residual, slope))| {
-                let prior = slope * (residual + slope * step[place]);
-                (prior + self.damping[place] * step[place]) * direction.step[place]
-            });
+        let priors = self.priors.iter().enumerate();
+        let priors = priors.map(|(place, (residual, slope))| {
+            let step = step[place] + share * direction.step[place];
+            let prior = slope * (residual + slope * step);
+            (prior + self.damping[place] * step) * direction.step[place]
+        });
         rows.sum::<f64>() + priors.sum::<f64>()
     }
 
     /// The step to the minimum of cost and damping.
     pub fn minimum(&self) -> DVector<f64> {
         let mut step = DVector::zeros(self.priors.len());
+        let mut moved = self.residuals.clone();
+        let mut slopes = DMatrix::zeros(moved.values.len(), step.len());
         let mut whole = 0.0;
         for _ in 0..INNER {
-            let (gradient, curvature) = self.bend(&step);
+            let (gradient, curvature) = self.bend(&step, &moved, &mut slopes);
             let Some(newton) = curvature.cholesky().map(|c| -c.solve(&gradient)) else {
                 return step;
             };
@@ -239,11 +271,12 @@ impl Linearized<'_> {
                 step: newton,
             };
             let fall = -gradient.dot(&direction.step);
+            let rises = |share: f64| self.slope(&step, &moved, &direction, share) > 0.0;
             let (mut low, mut high) = (0.0, 1.0);
-            if self.slope(&(&step + &direction.step), &direction) > 0.0 {
+            if rises(1.0) {
                 for _ in 0..HALVINGS {
                     let middle = 0.5 * (low + high);
-                    if self.slope(&(&step + middle * &direction.step), &direction) > 0.0 {
+                    if rises(middle) {
                         high = middle;
                     } else {
                         low = middle;
@@ -255,7 +288,7 @@ impl Linearized<'_> {
             } else {
                 low = 1.0;
             }
-            step += low * direction.step;
+            direction.apply(low, &mut step, &mut moved);
             let fallen = fall * low.max(0.1);
             whole += fallen;
             if fallen < INNER_COST + INNER_SHARE * whole {
@@ -266,10 +299,23 @@ impl Linearized<'_> {
     }
 }
 
+/// A way to go, and how residuals change on it.
 struct Direction {
     step: DVector<f64>,
     values: DVector<f64>,
     slack: DVector<f64>,
+}
+
+impl Direction {
+    /// Goes a share of it.
+    fn apply(&self, share: f64, step: &mut DVector<f64>, moved: &mut Residuals) {
+        *step += share * &self.step;
+        let values = moved.values.iter_mut().zip(&self.values);
+        let slack = moved.slack.iter_mut().zip(&self.slack);
+        for (own, change) in values.chain(slack) {
+            *own += share * change;
+        }
+    }
 }
 
 /// When a fit ends.
