@@ -411,3 +411,70 @@ impl Prepared {
             .hypot(FORCE_FLOOR_N)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of 10 ms, with pressure and contraction by the time, and some noise.
+    fn record(pressure_pa: impl Fn(f64) -> f64, contraction: impl Fn(f64) -> f64) -> Record {
+        let time_s: Vec<f64> = (0..600).map(|row| 0.01 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        record.set(
+            PRESSURE_PA,
+            time_s
+                .iter()
+                .map(|t| pressure_pa(*t) + 300.0 * (9.1e3 * t).sin())
+                .collect(),
+        );
+        record.set(
+            CONTRACTION,
+            time_s
+                .iter()
+                .map(|t| contraction(*t) + 3e-5 * (3.7e3 * t).sin())
+                .collect(),
+        );
+        record
+    }
+
+    #[test]
+    fn a_weight_begins_at_rest_where_its_pressure_does_and_a_bench_always() {
+        let lifts = |t: f64| 0.05 + 0.04 * (t - 1.0).clamp(0.0, 4.0) / 4.0;
+        let held = record(|t| 2e5 + 5e4 * (t - 1.0).max(0.0), lifts);
+        let moving = record(|t| 2e5 + 5e4 * t, lifts);
+        let weight = Rig::reference();
+        let mut bench = weight.clone();
+        bench.load = Load::Prescribed;
+        let settled = |rig: &Rig, records: &[&Record]| {
+            let prepared = Prepared::all(rig, records.iter().copied(), None).expect("prepared");
+            prepared.iter().all(|record| record.settled)
+        };
+        assert!(settled(&weight, &[&held]));
+        assert!(!settled(&weight, &[&moving]));
+        assert!(settled(&bench, &[&moving]));
+        // One in motion tells that nobody waited.
+        assert!(!settled(&weight, &[&held, &moving]));
+    }
+
+    /// 40 mm in a tenth of a second: the wide kernel has no room in it, and sees the stop.
+    #[test]
+    fn a_fall_onto_the_stop_is_seen_through_the_narrow_kernel() {
+        let falls = |t: f64| (0.13 - 1.3 * (t - 3.0).max(0.0)).max(0.0);
+        let fallen = record(|t| 2e5 - 8e5 * (t - 2.9).clamp(0.0, 0.2), falls);
+        let prepared = Prepared::all(&Rig::reference(), [&fallen].into_iter(), None);
+        let prepared = &prepared.expect("prepared")[0];
+        let seen_s = |row: usize| prepared.measured.time_s()[row];
+        let reach_s = |place: &Place| {
+            let rows = &place.kernel.rows;
+            seen_s(rows.end - 1) - seen_s(rows.start)
+        };
+        let narrow: Vec<f64> = prepared
+            .places
+            .iter()
+            .filter(|place| reach_s(place) < 0.1)
+            .map(|place| seen_s(place.kernel.middle()))
+            .collect();
+        assert!(!narrow.is_empty());
+        assert!(narrow.iter().all(|s| (3.0..3.1).contains(s)), "{narrow:?}");
+    }
+}
