@@ -262,6 +262,42 @@ fn supply_droop_is_the_mass_that_was_drawn() {
     );
 }
 
+/// A valve that stays open to its supply lets air flow back as the muscle is pulled out: a
+/// reservoir has it again, and a check valve keeps it in the muscle.
+#[test]
+fn air_that_flows_back_is_the_reservoirs_or_stays_in_the_muscle() {
+    let mut record = drive(40.0, |time_s| if time_s < 0.5 { 2e5 } else { 5e5 });
+    let there_and_back = through([
+        (0.0, 0.1),
+        (15.0, 0.1),
+        (16.0, 0.2),
+        (26.0, 0.2),
+        (27.0, 0.1),
+    ]);
+    let contraction: Vec<f64> = record.time_s().iter().map(|t| there_and_back(*t)).collect();
+    record.set(CONTRACTION, contraction);
+    let ends_pa = |form: &str, refill: (&str, f64)| {
+        let droop = effect(
+            "supply-droop",
+            form,
+            &[("reservoir_volume_m3", 1e-3), refill],
+        );
+        let pressure_pa = simulated(&rig(&droop, &[CLAMPED]), &record, PRESSURE_PA);
+        [15.0, 26.0, 40.0].map(|time_s: f64| {
+            let row = (time_s / STEP_S).round() as usize - 1;
+            pressure_pa[row] + 101_325.0
+        })
+    };
+    let [before_pa, out_pa, after_pa] = ends_pa("linear", ("recovery_time_s", 1e3));
+    assert!(out_pa < 0.97 * before_pa, "{out_pa} {before_pa}");
+    // In 40 of 1000 s a little comes in.
+    assert_near(after_pa, before_pa, 0.01 * before_pa, "reservoir");
+    let [_, out_pa, after_pa] = ends_pa("orifice", ("conductance_kg_per_pa_s", 1e-12));
+    let volume = *rig("", &[]).require_volume().expect("a volume");
+    let kept_pa = out_pa * volume.volume_m3(0.2) / volume.volume_m3(0.1);
+    assert_near(after_pa, kept_pa, 0.01 * kept_pa, "check valve");
+}
+
 #[test]
 fn an_effect_on_a_block_that_is_measured_rests() {
     let effect = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 4e-9\n";

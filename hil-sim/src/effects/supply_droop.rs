@@ -28,8 +28,9 @@ pub(super) const KIND: EffectKind = EffectKind {
                 RESERVOIR_VOLUME_M3,
                 Parameter::new("recovery_time_s", "s", (1e-3, 1e3), 1.0).log(),
             ],
-            source: "Isothermal reservoir, linear restriction towards the nominal supply. Leaves \
-                     out a regulator's own dynamics.",
+            source: "Isothermal reservoir, linear restriction towards the nominal supply; air that \
+                     flows back from the muscle is in it again. Leaves out a regulator's own \
+                     dynamics.",
             build: |values| {
                 Term::Supply(Box::new(Reservoir {
                     volume_m3: values[0],
@@ -46,8 +47,9 @@ pub(super) const KIND: EffectKind = EffectKind {
                 Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log(),
             ],
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
-                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
-                     a regulator's own dynamics.",
+                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator, with a check \
+                     valve that keeps in the muscle what would flow back. Leaves out a \
+                     regulator's own dynamics.",
             build: |values| {
                 Term::Supply(Box::new(Reservoir {
                     volume_m3: values[0],
@@ -97,5 +99,9 @@ impl Dynamics<SupplyPoint> for Reservoir {
 impl SupplyTerm for Reservoir {
     fn pressure(&self, _: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64> {
         GaugePa((supply.0 - state[0] * STATE_PA).max(0.0))
+    }
+
+    fn checks(&self) -> bool {
+        matches!(self.refill, Refill::Orifice(_))
     }
 }

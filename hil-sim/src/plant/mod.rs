@@ -209,7 +209,13 @@ impl Pneumatics {
             atmospheric,
         };
         line.valve_flow_kg_per_s = self.valve.flow_kg_per_s(&valve, state);
-        supply.drawn_kg_per_s = line.valve_flow_kg_per_s.max(0.0);
+        // A valve that would fill is open to the supply, also where that has fallen below its port.
+        supply.drawn_kg_per_s = if valve.reference.0 >= supply_pressure.0 {
+            line.valve_flow_kg_per_s = self.supply.drawn_kg_per_s(line.valve_flow_kg_per_s);
+            line.valve_flow_kg_per_s
+        } else {
+            line.valve_flow_kg_per_s.max(0.0)
+        };
         let gas = GasPoint {
             time_s,
             pressure,

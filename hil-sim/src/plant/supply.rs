@@ -8,7 +8,8 @@ use model_core::pressure::{AbsolutePa, GaugePa};
 pub struct SupplyPoint {
     /// Time \[s\].
     pub time_s: f64,
-    /// Mass flow that the valve draws \[kg/s\], ≥ 0; zero where only the pressure is asked for.
+    /// Mass flow that the valve draws \[kg/s\], negative where air flows back through it; zero
+    /// where only the pressure is asked for.
     pub drawn_kg_per_s: f64,
     /// Nominal supply pressure.
     pub nominal: GaugePa<f64>,
@@ -21,6 +22,11 @@ pub trait SupplyTerm: Dynamics<SupplyPoint> + Send + Sync {
     /// Supply pressure, from the one that comes to the term. It must not read
     /// [`SupplyPoint::drawn_kg_per_s`], which follows from it.
     fn pressure(&self, at: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64>;
+
+    /// Whether a check valve keeps air from flowing back.
+    fn checks(&self) -> bool {
+        false
+    }
 }
 
 /// The supply.
@@ -39,6 +45,17 @@ impl SupplyBlock {
             return self.nominal;
         }
         self.with_terms(*at, state)
+    }
+
+    /// Mass flow from the supply \[kg/s\] where the valve is open to it and `flow_kg_per_s` would
+    /// pass the valve.
+    #[inline]
+    pub fn drawn_kg_per_s(&self, flow_kg_per_s: f64) -> f64 {
+        if flow_kg_per_s < 0.0 && self.terms.all().any(|term| term.checks()) {
+            0.0
+        } else {
+            flow_kg_per_s
+        }
     }
 
     #[inline(never)]
