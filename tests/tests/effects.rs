@@ -577,6 +577,23 @@ fn static_terms_of_the_force_are_their_formulas() {
             -law.force_per_pressure_m2(contraction) * 2e4 * (1.0 - (-pressure_pa / 2e4).exp())
         },
     );
+    // What the thresholds that spread about 20 kPa leave on average.
+    let (dead_pa, sharpness) = (2e4, 2.0_f64);
+    let centre_pa = sharpness * dead_pa / (1.0 + (-sharpness).exp()) / (1.0 + sharpness.exp()).ln();
+    let above = |pressure_pa: f64| {
+        let share = |pa: f64| 1.0 / (1.0 + (sharpness * (pa / centre_pa - 1.0)).exp());
+        share(pressure_pa) / share(0.0)
+    };
+    let parameters = [("pressure_pa", dead_pa), ("sharpness", sharpness)];
+    check(
+        effect("dead-band", "spread", &parameters),
+        &|contraction, pressure_pa| {
+            let step_pa = pressure_pa / 1e5;
+            let places = (0..100_000).map(|i| (f64::from(i) + 0.5) * step_pa);
+            let lost_pa = places.map(|pa| above(pa) * step_pa).sum::<f64>();
+            -law.force_per_pressure_m2(contraction) * lost_pa
+        },
+    );
     let parameters = [("force_n", 60.0), ("growth", 12.0)];
     check(
         effect("bladder-elasticity", "exponential", &parameters),
