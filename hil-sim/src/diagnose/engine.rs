@@ -752,9 +752,10 @@ impl<'a, M: Model> Engine<'a, M> {
         Some(hypothesis.candidates.iter().map(of).collect())
     }
 
-    /// What each candidate promises beyond `base`: by how much it would lower the cost of what is
-    /// fitted, if residuals changed in proportion to it, nominal values and effects of `base` moved
-    /// with it; the best of its starts. Costs one evaluation a start.
+    /// What each candidate promises beyond `base`: by how much it would lower the cost of all
+    /// records, if residuals changed in proportion to it, nominal values and effects of `base` moved
+    /// with it; the best of its starts. The predicted records count, as an effect may not be moved
+    /// in the others. Costs one evaluation a start.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);
         // What a candidate touches stands or falls together.
@@ -775,15 +776,18 @@ impl<'a, M: Model> Engine<'a, M> {
             let free = self.free(blocks);
             let x = self.coordinates(base, &free, candidates);
             let mut problem = Problem::new(self.model, blocks, &free, candidates);
+            problem.records = self.model.records();
             let found = at(&mut problem, DVector::from_vec(x))?;
             let slopes = problem.slopes(&found.x, &found.residuals)?;
             let mut priors = problem.priors(&found.x);
+            // What moving `base` alone would gain is nobody's promise.
+            let least = linearized_least(&found.residuals, &slopes, &priors);
             priors.push((0.0, 0.0));
-            bases.insert(touched, (found, slopes, priors));
+            bases.insert(touched, (found.residuals, slopes, priors, least));
         }
         let promise = |(place, candidate): (usize, &Candidate)| {
             let touched = touched(candidate);
-            let (found, slopes, priors) = &bases[&touched];
+            let (residuals, slopes, priors, least) = &bases[&touched];
             let promised = starts(&candidate.parameters)
                 .into_iter()
                 .filter_map(|start| {
@@ -792,16 +796,9 @@ impl<'a, M: Model> Engine<'a, M> {
                     with.push((place, values.map(|(p, x)| p.value(x)).collect()));
                     let with = (&base.fit.nominal[..], &with[..]);
                     let moves = |block| candidate.blocks.contains(&block);
-                    let residuals = &found.residuals;
-                    let pieces = (self.model.fitted(), &touched.0[..]);
+                    let pieces = (self.model.records(), &touched.0[..]);
                     let change = change(self.model, pieces, &moves, with, residuals)?;
-                    let linearized = Linearized {
-                        residuals: &found.residuals,
-                        slopes: &slopes.beside(&change),
-                        priors,
-                        damping: DVector::from_element(priors.len(), 1e-9),
-                    };
-                    Some(found.cost - linearized.cost(&linearized.minimum()))
+                    Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
                 });
             promised.fold(0.0, f64::max)
         };
@@ -832,6 +829,17 @@ impl<'a, M: Model> Engine<'a, M> {
         let joint = self.joined(&candidates)?;
         self.finished(candidates, joint)
     }
+}
+
+/// The least cost of residuals that change in proportion to coordinates.
+fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) -> f64 {
+    let linearized = Linearized {
+        residuals,
+        slopes,
+        priors,
+        damping: DVector::from_element(priors.len(), 1e-9),
+    };
+    linearized.cost(&linearized.minimum())
 }
 
 /// Where a fit of effect parameters begins: sizes at half the usual one, in either direction where
