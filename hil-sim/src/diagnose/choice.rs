@@ -171,6 +171,11 @@ impl<M: Model> Search<'_, '_, M> {
             .collect();
         self.tried.extend(fitted);
         self.sort();
+        self.polish(members);
+    }
+
+    /// Makes the leading sets of `members` exact.
+    fn polish(&mut self, members: usize) {
         let of_size = |h: &&Hypothesis| h.candidates.len() == members;
         let leading: Vec<Hypothesis> = self
             .tried
@@ -183,13 +188,17 @@ impl<M: Model> Search<'_, '_, M> {
             .par_iter()
             .filter_map(|h| self.engine.polished(h))
             .collect();
-        for exact in polished {
-            let same = self
-                .tried
-                .iter_mut()
-                .find(|h| h.candidates == exact.candidates);
-            if let Some(same) = same.filter(|same| exact.fit.score() < same.fit.score()) {
-                *same = exact;
+        self.improve(polished);
+    }
+
+    /// Keeps what is better than the same set is so far.
+    fn improve(&mut self, found: Vec<Hypothesis>) {
+        for new in found {
+            let same = |h: &&mut Hypothesis| h.candidates == new.candidates;
+            match self.tried.iter_mut().find(same) {
+                Some(known) if new.fit.score() < known.fit.score() => *known = new,
+                Some(_) => (),
+                None => self.tried.push(new),
             }
         }
         self.sort();
@@ -298,6 +307,26 @@ impl<M: Model> Search<'_, '_, M> {
             }
         }
         variants
+    }
+
+    /// Fits other forms of the members of the leading sets once more, from where these are.
+    fn reform(&mut self, members: usize) {
+        let all = self.engine.model.candidates();
+        let mut pairs = Vec::new();
+        for set in self.leading(members, VARIED) {
+            let known = self.tried.iter().find(|h| h.candidates == set);
+            for own in &set {
+                let forms = (0..all.len()).filter(|c| all[*c].effect == all[*own].effect);
+                let others = forms.filter(|other| other != own);
+                pairs.extend(others.filter_map(|other| Some((known?, *own, other))));
+            }
+        }
+        let reformed = pairs.par_iter();
+        let reformed =
+            reformed.filter_map(|(known, own, other)| self.engine.reformed(known, *own, *other));
+        let reformed = reformed.collect();
+        self.improve(reformed);
+        self.polish(members);
     }
 
     /// What is left of the leading sets without one of their members.
@@ -522,6 +551,7 @@ impl<M: Model> Search<'_, '_, M> {
                 self.try_all(&variants);
                 self.try_all(&self.subsets(members));
             }
+            self.reform(members);
             let taken = self.taken();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.

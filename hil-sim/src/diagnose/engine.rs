@@ -44,16 +44,18 @@ impl Parameter {
         value.clamp(self.range.0, self.range.1)
     }
 
+    /// The coordinate of `value`.
+    fn coordinate(&self, value: f64) -> f64 {
+        if self.log {
+            1.0 + (value / self.usual).ln().max(-50.0)
+        } else {
+            value / self.usual
+        }
+    }
+
     /// The least and the largest coordinate.
     fn reach(&self) -> (f64, f64) {
-        let of = |value: f64| {
-            if self.log {
-                1.0 + (value / self.usual).ln().max(-50.0)
-            } else {
-                value / self.usual
-            }
-        };
-        let (a, b) = (of(self.range.0), of(self.range.1));
+        let (a, b) = (self.coordinate(self.range.0), self.coordinate(self.range.1));
         (a.min(b), a.max(b))
     }
 }
@@ -209,6 +211,12 @@ impl Fit {
             .collect();
         effects.sort_by_key(|((candidate, _), _)| *candidate);
         (self.effects, self.coordinates) = effects.into_iter().unzip();
+    }
+
+    /// Cost of what was fitted, priors included.
+    fn fitted(&self) -> f64 {
+        let parts = self.parts.iter().map(|part| part.fitted.outside);
+        self.prior + parts.sum::<f64>()
     }
 
     /// Cost of what was fitted, predicted and run freely, priors included.
@@ -680,6 +688,57 @@ impl<'a, M: Model> Engine<'a, M> {
             joint.join(problem.fit(&found)?);
         }
         self.finished(hypothesis.candidates.clone(), joint)
+    }
+
+    /// `hypothesis` with `other` in place of its candidate `own`, another form of the same effect:
+    /// fitted from where it is, as what has the same name in both is the same quantity. A form with
+    /// several scales may have valleys in which it stays when it is started elsewhere.
+    pub fn reformed(
+        &self,
+        hypothesis: &Hypothesis,
+        own: usize,
+        other: usize,
+    ) -> Option<Hypothesis> {
+        let all = self.model.candidates();
+        let mut begun = hypothesis.clone();
+        let place = hypothesis.fit.effects.iter().position(|(c, _)| *c == own)?;
+        let (_, values) = &hypothesis.fit.effects[place];
+        let of = |parameter: &Parameter| {
+            let names = all[own].parameters.iter().zip(values);
+            let mut same = names.filter(|(known, _)| known.name == parameter.name);
+            let x = same.next().map_or(1.0, |(_, v)| parameter.coordinate(*v));
+            let (least, most) = parameter.reach();
+            x.clamp(least, most)
+        };
+        begun.fit.coordinates[place] = all[other].parameters.iter().map(of).collect();
+        begun.fit.effects[place].0 = other;
+        let exchanged = hypothesis.candidates.iter();
+        let exchanged = exchanged.map(|c| if *c == own { other } else { *c });
+        let mut candidates: Vec<usize> = exchanged.collect();
+        candidates.sort_unstable();
+        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
+        for (blocks, touching) in self.groups(&candidates) {
+            if !touching.contains(&other) {
+                joint.join(self.group(&blocks, &touching)?);
+                continue;
+            }
+            let free = self.free(&blocks);
+            let x = self.coordinates(&begun, &free, &touching);
+            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
+            let found = minimize(&mut problem, DVector::from_vec(x), LOOSE)?;
+            let fit = problem.fit(&found)?;
+            // What is fitted with more than this begins here, if it is the better place.
+            let mut fits = self.fits.lock().ok()?;
+            let known = fits.entry((blocks, touching)).or_default();
+            if known
+                .as_ref()
+                .is_none_or(|known| fit.fitted() < known.fitted())
+            {
+                *known = Some(fit.clone());
+            }
+            joint.join(fit);
+        }
+        self.finished(candidates, joint)
     }
 
     /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 %
