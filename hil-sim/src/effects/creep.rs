@@ -168,7 +168,7 @@ impl MuscleTerm for Relaxations {
         force_n - (self.drive.share)(at, muscle) * missing_n.sum::<f64>()
     }
 
-    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>) -> Vec<(f64, f64)> {
+    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>, _: &[f64]) -> Vec<(f64, f64)> {
         let share = (self.drive.share)(at, muscle);
         let branches = self.branches.iter();
         branches

@@ -63,6 +63,10 @@ impl RunIn {
             .min(at.contraction + PLAY);
         (place, state[1] + (place - state[0]).abs())
     }
+
+    fn left_at(&self, at: &MusclePoint, state: &[f64]) -> f64 {
+        (self.left)(self.moved(at, state).1 / self.distance)
+    }
 }
 
 impl Dynamics<MusclePoint> for RunIn {
@@ -81,7 +85,13 @@ impl Dynamics<MusclePoint> for RunIn {
 
 impl MuscleTerm for RunIn {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let way = self.moved(at, state).1;
-        force_n * (1.0 + self.share * (self.left)(way / self.distance))
+        force_n * (1.0 + self.share * self.left_at(at, state))
+    }
+
+    // Who has run in a little already, over a way that nobody has measured, has less of it left.
+    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>, state: &[f64]) -> Vec<(f64, f64)> {
+        let force_n = muscle.force_n(at.contraction, at.pressure);
+        let size_n = force_n * self.share * self.left_at(at, state);
+        vec![(size_n, f64::INFINITY)]
     }
 }

@@ -26,9 +26,10 @@ pub trait MuscleTerm: Dynamics<MusclePoint> + Send + Sync {
     /// Muscle force \[N\], from the one that comes to the term; `law` is Eq 1's.
     fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64;
 
-    /// For each state that fades by itself, in proportion to what it is off by: what one unit of it
-    /// adds to the force \[N\], and its time constant \[s\].
-    fn fading(&self, _at: &MusclePoint, _law: &Muscle<f64>) -> Vec<(f64, f64)> {
+    /// For each state that fades, in proportion to what it is off by: what one unit of it adds to
+    /// the force \[N\], and its time constant \[s\], infinite where only what `state` remembers of
+    /// the motion lets it fade.
+    fn fading(&self, _at: &MusclePoint, _law: &Muscle<f64>, _state: &[f64]) -> Vec<(f64, f64)> {
         Vec::new()
     }
 

@@ -2,9 +2,10 @@
 //!
 //! Where all records begin at rest they are taken to begin after a long one, and effects are
 //! settled then. Where one begins in motion nobody knows what states that take seconds to settle
-//! have come to. What they are off by acts on the force in proportion and fades with their own time
-//! constants: it is estimated from each record, the predicted ones too, and counts by how likely it
-//! is. So does the memory of a hysteresis, which no rest settles.
+//! have come to, nor how much of a run-in is over. What they are off by acts on the force in
+//! proportion and fades with their own time constants, or as the run-in goes on: it is estimated
+//! from each record, the predicted ones too, and counts by how likely it is. So does the memory of a
+//! hysteresis, which no rest settles.
 
 use super::force::{FORCE_ALONE, Forces};
 use super::prepared::Prepared;
@@ -19,8 +20,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// Standard deviation of what a state may be off by, in units of its drive's usual size.
 const SPREAD: f64 = 0.5;
-/// States at the begin that are unknown at most: of a creep, and the memory of a hysteresis.
-pub(super) const UNKNOWNS: usize = 5;
+/// States at the begin that are unknown at most: of a creep and a run-in, and the memory of a
+/// hysteresis.
+pub(super) const UNKNOWNS: usize = 6;
 
 /// Residuals of `rig`, by the forces that its muscle may have, for the begin that fits best: with
 /// what a motion before may have left in effects with a memory and in those that fade, as `fading`
@@ -80,6 +82,7 @@ fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
     let mut all = Vec::new();
     for term in muscle.terms.all() {
         let mut own: Vec<Vec<f64>> = Vec::new();
+        let mut memory = vec![0.0; term.states()];
         for row in 0..time_s.len() {
             let at = MusclePoint {
                 time_s: time_s[row],
@@ -88,7 +91,12 @@ fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
                 direction: 0.0,
                 pressure: GaugePa(pressure_pa[row]),
             };
-            let fading = term.fading(&at, &muscle.law);
+            if row == 0 {
+                term.settle(&at, &mut memory);
+            } else {
+                term.commit(&at, &mut memory);
+            }
+            let fading = term.fading(&at, &muscle.law, &memory);
             own.resize(fading.len(), Vec::new());
             for (state, (size_n, time_constant_s)) in own.iter_mut().zip(fading) {
                 let left = (-(time_s[row] - time_s[0]) / time_constant_s).exp();
@@ -187,6 +195,37 @@ mod tests {
                 let error_n = cut_n - whole_n[row + 1] - off * fading_n[0][row];
                 assert!(error_n.abs() < 1e-4, "{form}, row {row}: {error_n}");
             }
+        }
+    }
+
+    /// A run-in that was under way before the record has less of it left, in one proportion.
+    #[test]
+    fn a_run_in_that_has_begun_is_off_by_a_share() {
+        let effect = "[[effect]]\nname = \"run-in\"\nform = \"exponential\"\nshare = 0.1\n\
+                      distance = 0.2\n";
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let rig = Rig::parse("rig.toml", &(text + effect)).expect("a rig");
+        let time_s: Vec<f64> = (0..400).map(|row| 0.01 * f64::from(row)).collect();
+        let from = |first: usize| {
+            let mut record = Record::new(time_s[first..].to_vec());
+            let contraction = time_s[first..].iter().map(|t| 0.05 + 0.03 * t);
+            record.set(CONTRACTION, contraction.collect());
+            record.set(PRESSURE_PA, vec![3e5; time_s.len() - first]);
+            record
+        };
+        let force_n = |record: &Record| {
+            let simulated = simulate(&rig, record, 1e-9).expect("simulated");
+            simulated.require(FORCE_N).expect("a force").to_vec()
+        };
+        let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(200)));
+        let fading_n = fading_n(&rig, &from(200)).expect("fading");
+        // A way of 0.06 before, less the play in which a motion is none.
+        let off = (-(0.06_f64 - 5e-4) / 0.2).exp() - 1.0;
+        assert!((cut_n[0] - whole_n[200]).abs() > 5.0);
+        // The play is passed once more.
+        for row in 50..200 {
+            let error_n = cut_n[row] + off * fading_n[0][row] - whole_n[200 + row];
+            assert!(error_n.abs() < 0.1, "row {row}: {error_n}");
         }
     }
 
