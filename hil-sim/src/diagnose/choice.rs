@@ -48,6 +48,10 @@ const SHARE_OF_CALIBRATION: f64 = 0.01;
 const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
+/// The same where they plainly leave something, and how much of a block is plain: half the square
+/// of two noises. By a few tenths forms of one effect differ, effects differ by more.
+const SHARE_PLAIN: f64 = 0.8;
+const PLAIN: f64 = 2.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
 const SHARE_LEFT: f64 = 0.15;
 /// Names whose sets cost less than this more, beside what is left, cannot be told apart.
@@ -601,9 +605,14 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     } else {
         1.0
     };
+    let left_plainly = best.fit.parts.iter().any(|part| {
+        let total = part.total();
+        total.outside > PLAIN * total.count as f64
+    });
+    let asked = if left_plainly { SHARE_PLAIN } else { SHARE };
     let verdict = match (best.candidates.is_empty(), above < GAIN) {
         (true, true) => Verdict::Consistent,
-        (false, _) if share >= SHARE => Verdict::Explained,
+        (false, _) if share >= asked => Verdict::Explained,
         _ => Verdict::Unexplained,
     };
     let left = (0..engine.model.blocks().len()).filter(|block| {
