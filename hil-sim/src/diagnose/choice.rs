@@ -325,11 +325,21 @@ impl<M: Model> Search<'_, '_, M> {
                 pairs.extend(others.filter_map(|other| Some((known?, *own, other))));
             }
         }
-        let reformed = pairs.par_iter();
-        let reformed =
-            reformed.filter_map(|(known, own, other)| self.engine.reformed(known, *own, *other));
-        let reformed = reformed.collect();
-        self.improve(reformed);
+        let fitted: Vec<_> = pairs
+            .par_iter()
+            .filter_map(|(known, own, other)| self.engine.reformed(known, *own, *other))
+            .collect();
+        let exchanged = |(known, own, other): &(&Hypothesis, usize, usize)| -> Vec<usize> {
+            let candidates = known.candidates.iter();
+            candidates
+                .map(|c| if c == own { *other } else { *c })
+                .collect()
+        };
+        let sets: Vec<Vec<usize>> = pairs.iter().map(exchanged).collect();
+        self.engine.keep(fitted.into_iter().flatten().collect());
+        let found = sets.par_iter();
+        let found = found.filter_map(|set| self.engine.hypothesis(set));
+        self.improve(found.collect());
         self.polish(members);
     }
 
@@ -570,7 +580,11 @@ impl<M: Model> Search<'_, '_, M> {
                     left < GAIN.max(SHARE_LEFT * excess(&null.fit))
                 } else {
                     let promises = self.engine.promises(&taken)?;
-                    left < GAIN && promises.iter().all(|promise| *promise < GAIN)
+                    let beyond = |(candidate, promise): (usize, &f64)| {
+                        promise - GAIN_PARAMETER * self.parameters(&[candidate]) as f64
+                    };
+                    let mut beyond = promises.iter().enumerate().map(beyond);
+                    left < GAIN && beyond.all(|promise| promise < GAIN)
                 };
                 if enough {
                     break;

@@ -487,14 +487,14 @@ impl std::ops::AddAssign for Tally {
     }
 }
 
-/// Fits by their blocks and candidates.
-type Fits = HashMap<(Vec<usize>, Vec<usize>), Option<Fit>>;
+/// What a fit is of: blocks and candidates.
+pub type Key = (Vec<usize>, Vec<usize>);
 
 /// Fits and what they predict, each made once.
 pub struct Engine<'a, M> {
     /// The model.
     pub model: &'a M,
-    fits: Mutex<Fits>,
+    fits: Mutex<HashMap<Key, Option<Fit>>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -690,15 +690,15 @@ impl<'a, M: Model> Engine<'a, M> {
         self.finished(hypothesis.candidates.clone(), joint)
     }
 
-    /// `hypothesis` with `other` in place of its candidate `own`, another form of the same effect:
-    /// fitted from where it is, as what has the same name in both is the same quantity. A form with
-    /// several scales may have valleys in which it stays when it is started elsewhere.
+    /// Fits of `hypothesis` with `other` in place of its candidate `own`, another form of the same
+    /// effect, from where it is, as what has the same name in both is the same quantity. A form
+    /// with several scales may have valleys in which it stays when it is started elsewhere.
     pub fn reformed(
         &self,
         hypothesis: &Hypothesis,
         own: usize,
         other: usize,
-    ) -> Option<Hypothesis> {
+    ) -> Option<Vec<(Key, Fit)>> {
         let all = self.model.candidates();
         let mut begun = hypothesis.clone();
         let place = hypothesis.fit.effects.iter().position(|(c, _)| *c == own)?;
@@ -716,29 +716,32 @@ impl<'a, M: Model> Engine<'a, M> {
         let exchanged = exchanged.map(|c| if *c == own { other } else { *c });
         let mut candidates: Vec<usize> = exchanged.collect();
         candidates.sort_unstable();
-        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
-        for (blocks, touching) in self.groups(&candidates) {
-            if !touching.contains(&other) {
-                joint.join(self.group(&blocks, &touching)?);
-                continue;
-            }
+        let groups = self.groups(&candidates).into_iter();
+        let touched = groups.filter(|(_, touching)| touching.contains(&other));
+        let fitted = touched.map(|(blocks, touching)| {
             let free = self.free(&blocks);
             let x = self.coordinates(&begun, &free, &touching);
             let mut problem = Problem::new(self.model, &blocks, &free, &touching);
             let found = minimize(&mut problem, DVector::from_vec(x), LOOSE)?;
             let fit = problem.fit(&found)?;
-            // What is fitted with more than this begins here, if it is the better place.
-            let mut fits = self.fits.lock().ok()?;
-            let known = fits.entry((blocks, touching)).or_default();
-            if known
-                .as_ref()
-                .is_none_or(|known| fit.fitted() < known.fitted())
-            {
-                *known = Some(fit.clone());
+            Some(((blocks, touching), fit))
+        });
+        fitted.collect()
+    }
+
+    /// Keeps fits that are better than what is known: what is fitted with more than they have
+    /// begins there. Not while others fit, which would begin by chance.
+    pub fn keep(&self, found: Vec<(Key, Fit)>) {
+        let Ok(mut fits) = self.fits.lock() else {
+            return;
+        };
+        for (key, fit) in found {
+            let known = fits.entry(key).or_default();
+            let better = |known: &Fit| fit.fitted() < known.fitted();
+            if known.as_ref().is_none_or(better) {
+                *known = Some(fit);
             }
-            joint.join(fit);
         }
-        self.finished(candidates, joint)
     }
 
     /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 %
