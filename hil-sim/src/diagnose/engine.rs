@@ -815,8 +815,8 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
-    /// records, if residuals changed in proportion to it, nominal values and effects of `base` moved
-    /// with it; the best of its starts. The predicted records count, as an effect may not be moved
+    /// records, if residuals changed in proportion to it, nominal values and effects of `base`
+    /// moved with it; the best of its starts. The predicted records count, as an effect may not be moved
     /// in the others. Costs one evaluation a start.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);

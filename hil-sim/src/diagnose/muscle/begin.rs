@@ -4,8 +4,8 @@
 //! settled then. Where one begins in motion nobody knows what states that take seconds to settle
 //! have come to, nor how much of a run-in is over. What they are off by acts on the force in
 //! proportion and fades with their own time constants, or as the run-in goes on: it is estimated
-//! from each record, the predicted ones too, and counts by how likely it is. So does the memory of a
-//! hysteresis, which no rest settles.
+//! from each record, the predicted ones too, and counts by how likely it is. So does the memory of
+//! a hysteresis, which no rest settles.
 
 use super::force::{FORCE_ALONE, Forces};
 use super::prepared::Prepared;
