@@ -24,6 +24,11 @@ pub const OFF_BY: f64 = 0.3;
 /// Shares of what was found that are tried, the best that holds is taken. With the second, a size
 /// that was found too large by [`OFF_BY`] is compensated in full and not beyond.
 const SHARES: [f64; 4] = [1.0, 1.0 / (1.0 + OFF_BY), 0.5, 0.3];
+/// What is too short by [`OFF_BY`] is whole with this.
+const LONGER: f64 = 1.0 / (1.0 - OFF_BY);
+/// Ways are made longer by this, whichever leaves least of the error: a longer way is less steep
+/// where the motion turns, and leaves the loop margins for more of the size, or for a lead.
+const WAYS: [f64; 3] = [LONGER, LONGER * LONGER, LONGER * LONGER * LONGER];
 /// A part is worth having if the error falls to this share of what it was without it.
 const BETTER: f64 = 0.98;
 /// An error that rises by no more than this is the same: another course of the same noise.
@@ -56,8 +61,8 @@ const RIPPLE_TICKS: usize = 5;
 enum Taken {
     /// A share: of a size, what is too much feeds the motion.
     Share,
-    /// More, by [`OFF_BY`]: of a way, what is too short is steep.
-    More,
+    /// Longer, by one of [`WAYS`]: of a way, what is too short is steep.
+    Longer,
     /// As it is.
     Whole,
 }
@@ -76,9 +81,9 @@ const SENSOR_GAIN: usize = 9;
 /// For each of the above.
 const TAKEN: [Taken; 10] = [
     Taken::Share,
-    Taken::More,
+    Taken::Longer,
     Taken::Share,
-    Taken::More,
+    Taken::Longer,
     Taken::Share,
     Taken::Share,
     Taken::Share,
@@ -93,17 +98,23 @@ struct Sizes([f64; TAKEN.len()]);
 
 impl Sizes {
     /// These with the others in place of those that are 0.
-    fn with(mut self, others: &Sizes, share: f64) -> Sizes {
+    fn with(mut self, others: &Sizes, share: f64, longer: f64) -> Sizes {
         for ((value, other), taken) in self.0.iter_mut().zip(others.0).zip(TAKEN) {
             if other != 0.0 {
                 *value = match taken {
                     Taken::Share => share * other,
-                    Taken::More => other / (1.0 - OFF_BY),
+                    Taken::Longer => longer * other,
                     Taken::Whole => other,
                 };
             }
         }
         self
+    }
+
+    /// Whether there is a way among them, which may be made longer.
+    fn has_way(&self) -> bool {
+        let mut values = self.0.iter().zip(TAKEN);
+        values.any(|(value, taken)| *value != 0.0 && matches!(taken, Taken::Longer))
     }
 
     /// The settings `plain` with this compensation.
@@ -359,11 +370,9 @@ impl Bench<'_> {
         })
     }
 
-    /// The settings of `sizes`, if they hold: better than `before`, and in every corner no worse
-    /// than it and with its margins.
-    fn tried(&self, sizes: &Sizes, before: &Quality) -> Option<Quality> {
-        let settings = sizes.settings(&self.plain).ok()?;
-        let (quality, _) = self.prove(settings).ok()?;
+    /// Whether `sizes`, which gave `quality`, hold: in every corner no worse than `before`, and
+    /// with its margins.
+    fn holds(&self, sizes: &Sizes, quality: &Quality, before: &Quality) -> bool {
         let (gain, delay_s) = required(before);
         let holds = |corner: &Sizes| {
             let Ok(settings) = corner.settings(&self.plain) else {
@@ -375,8 +384,7 @@ impl Bench<'_> {
                 && gain_margin >= gain
                 && delay_margin_s >= delay_s
         };
-        let holds = !quality.faulted && sizes.corners().par_iter().all(holds);
-        holds.then_some(quality)
+        !quality.faulted && sizes.corners().par_iter().all(holds)
     }
 
     fn corners(&self, sizes: &Sizes) -> Corners {
@@ -624,8 +632,7 @@ fn reason(name: &str) -> &'static str {
 /// The part that is no effect.
 const LAG: &str = "lag";
 
-/// What is tried in its turn: sensors first, for what the others read, the lag last, for it is what
-/// the others leave.
+/// What is tried in its turn: sensors first, for what the others read.
 const TURNS: [&str; 6] = [
     "pressure-sensor-gain",
     "pressure-sensor-offset",
@@ -634,6 +641,10 @@ const TURNS: [&str; 6] = [
     "payload",
     "valve-dead-zone",
 ];
+
+fn is_sensor(name: &str) -> bool {
+    name.starts_with("pressure-sensor")
+}
 
 /// The compensation of `rig` for a board with the settings `board`.
 ///
@@ -651,74 +662,140 @@ pub fn compensate(rig: &Rig, board: &SettingsValues) -> Result<Compensated, BadI
         plain: closed_loop::settings_with(rig, &bare)?,
     };
     let (before, run_before) = bench.with_margins(bench.plain)?;
-    let mut parts = Vec::new();
-    let mut kept = Sizes::default();
-    let mut best = before;
+    let mut found = Vec::new();
     for name in TURNS {
         if rig.effects.iter().any(|effect| effect.kind.name == name)
-            && let Some(found) = sizes_of(&bench, name)?
+            && let Some(sizes) = sizes_of(&bench, name)?
         {
-            parts.push(take(&bench, name, &found, &before, &mut kept, &mut best));
+            found.push((name, sizes));
         }
     }
-    let mut lag = Sizes::default();
-    lag.0[LEAD] = lag_s(&bench, &kept);
-    parts.push(take(&bench, LAG, &lag, &before, &mut kept, &mut best));
+    let mut chosen = Chosen::none(&before);
+    for order in orders(&found) {
+        let other = Chosen::of(&bench, &found, &before, order);
+        let is_better = other.quality.load_error_n_rms < chosen.quality.load_error_n_rms;
+        if chosen.parts.is_empty() || is_better {
+            chosen = other;
+        }
+    }
+    let Chosen {
+        mut parts, sizes, ..
+    } = chosen;
     let mut left: Vec<&str> = rig.effects.iter().map(|effect| effect.kind.name).collect();
     left.retain(|name| !TURNS.contains(name));
     left.dedup();
-    let by_lag = parts.last().is_some_and(|part| part.compensated);
+    let by_lag = sizes.0[LEAD] > 0.0;
     parts.extend(left.into_iter().map(|name| left_to(name, by_lag)));
-    let settings = kept.settings(&bench.plain)?;
+    let settings = sizes.settings(&bench.plain)?;
     let (after, run_after) = bench.with_margins(settings)?;
     Ok(Compensated {
         parts,
         before,
         after,
-        corners: bench.corners(&kept),
+        corners: bench.corners(&sizes),
         settings,
         runs: [run_before, run_after],
     })
 }
 
-/// Adds what was `found` of `name` to what is `kept`, if it holds.
-fn take(
-    bench: &Bench,
-    name: &str,
-    found: &Sizes,
-    before: &Quality,
-    kept: &mut Sizes,
-    best: &mut Quality,
-) -> Part {
-    let is_sensor = name.starts_with("pressure-sensor");
-    let error = |quality: &Quality| match name {
-        _ if is_sensor => quality.reading_error_pa_rms,
-        LAG => quality.tracking.error_n_rms,
-        _ => quality.load_error_n_rms,
+/// An order in which parts are taken, and how.
+#[derive(Clone, Copy)]
+struct Order {
+    /// Ways are made longer by so much.
+    longer: f64,
+    /// How many of what was found come before the lag.
+    before_lag: usize,
+}
+
+/// All that may make a difference: each of [`WAYS`], with the lag last, for it is what the others
+/// leave, and right after the sensors: a little of another part can cost most of the lead.
+fn orders(found: &[(&str, Sizes)]) -> Vec<Order> {
+    let has_way = found.iter().any(|(_, sizes)| sizes.has_way());
+    let ways = if has_way { &WAYS[..] } else { &WAYS[..1] };
+    let sensors = found.iter().filter(|(name, _)| is_sensor(name)).count();
+    let mut places = vec![found.len(), sensors];
+    places.dedup();
+    let of_way = |longer: &'static f64| {
+        places.iter().map(|before_lag| Order {
+            longer: *longer,
+            before_lag: *before_lag,
+        })
     };
-    let shares: &[f64] = if is_sensor { &[1.0] } else { &SHARES };
-    let tried = shares.iter().filter_map(|share| {
-        let sizes = kept.with(found, *share);
-        Some((*share, sizes, bench.tried(&sizes, before)?))
-    });
-    let taken = tried
-        .filter(|(.., quality)| error(quality) < BETTER * error(best))
-        .min_by(|(.., a), (.., b)| error(a).total_cmp(&error(b)));
-    let Some((share, sizes, quality)) = taken else {
-        return Part {
-            name: name.into(),
-            compensated: false,
-            words: "off: in this rig's closed loop it is not better, or not safely".into(),
+    ways.iter().flat_map(of_way).collect()
+}
+
+/// What is taken, part by part.
+struct Chosen {
+    parts: Vec<Part>,
+    sizes: Sizes,
+    /// With these sizes; without margins.
+    quality: Quality,
+}
+
+impl Chosen {
+    fn none(before: &Quality) -> Chosen {
+        Chosen {
+            parts: Vec::new(),
+            sizes: Sizes::default(),
+            quality: *before,
+        }
+    }
+
+    /// Of what was `found`, and of the lag that what is taken before it leaves.
+    fn of(bench: &Bench, found: &[(&str, Sizes)], before: &Quality, order: Order) -> Chosen {
+        let mut chosen = Chosen::none(before);
+        let (early, late) = found.split_at(order.before_lag);
+        for (name, sizes) in early {
+            chosen.take(bench, name, sizes, before, order.longer);
+        }
+        let mut lag = Sizes::default();
+        lag.0[LEAD] = lag_s(bench, &chosen.sizes);
+        chosen.take(bench, LAG, &lag, before, order.longer);
+        for (name, sizes) in late {
+            chosen.take(bench, name, sizes, before, order.longer);
+        }
+        chosen
+    }
+
+    /// Adds the best share of what was `found` of `name`, if one holds.
+    fn take(&mut self, bench: &Bench, name: &str, found: &Sizes, before: &Quality, longer: f64) {
+        let is_sensor = is_sensor(name);
+        let error = |quality: &Quality| match name {
+            _ if is_sensor => quality.reading_error_pa_rms,
+            LAG => quality.tracking.error_n_rms,
+            _ => quality.load_error_n_rms,
         };
-    };
-    let unit = if is_sensor { "Pa" } else { "N" };
-    let (from, to) = (error(best), error(&quality));
-    let percent = 100.0 * share;
-    (*kept, *best) = (sizes, quality);
-    Part {
-        name: name.into(),
-        compensated: true,
-        words: format!("{percent:.0} % of it; the error falls from {from:.1} to {to:.1} {unit}"),
+        let shares: &[f64] = if is_sensor { &[1.0] } else { &SHARES };
+        let tried = shares.iter().filter_map(|share| {
+            let sizes = self.sizes.with(found, *share, longer);
+            let (quality, _) = bench.prove(sizes.settings(&bench.plain).ok()?).ok()?;
+            Some((*share, sizes, quality))
+        });
+        let better = tried.filter(|(.., quality)| error(quality) < BETTER * error(&self.quality));
+        let mut better: Vec<_> = better.collect();
+        // Corners take long: those of the best first.
+        better.sort_by(|(.., a), (.., b)| error(a).total_cmp(&error(b)));
+        let mut better = better.into_iter();
+        let taken = better.find(|(_, sizes, quality)| bench.holds(sizes, quality, before));
+        let words = if let Some((share, sizes, quality)) = taken {
+            let unit = if is_sensor { "Pa" } else { "N" };
+            let (from, to) = (error(&self.quality), error(&quality));
+            let percent = 100.0 * share;
+            let way = if found.has_way() {
+                format!(" over {longer:.1} times its way")
+            } else {
+                String::new()
+            };
+            (self.sizes, self.quality) = (sizes, quality);
+            format!("{percent:.0} % of it{way}; the error falls from {from:.1} to {to:.1} {unit}")
+        } else {
+            "off: in this rig's closed loop it is not better, or not safely".into()
+        };
+        self.parts.push(Part {
+            name: name.into(),
+            compensated: taken.is_some(),
+            words,
+        });
     }
 }
 

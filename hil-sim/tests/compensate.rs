@@ -249,6 +249,25 @@ fn a_rig_without_an_effect_becomes_no_worse() {
     assert!(after.load_n < before.load_n && after.muscle_n < before.muscle_n);
 }
 
+/// Where the tool has to choose: a loop so wide that all of it, over its own way, would swing the
+/// weight; and a zone with soft edges, as it is diagnosed, of which a little would cost the lead
+/// that halves the error alone.
+#[test]
+fn errors_fall_by_half_where_not_everything_holds() {
+    let soft = "[[effect]]\nname = \"valve-dead-zone\"\nform = \"rounded\"\n\
+         half_width_pa = 4500.0\nrounding_pa = 2300.0\n";
+    let duhem = hiding("hysteresis", "duhem", 1.0);
+    let wide = nearest("hysteresis", &duhem.parameters());
+    let rounded = hiding("valve-dead-zone", "rounded", 0.7);
+    for (hiding, effect) in [(duhem, wide.as_str()), (rounded, soft)] {
+        let before = assist(&hiding, &plain(), plain());
+        let after = assist(&hiding, &plain(), compensated(&fitted(effect)));
+        assert_eq!((before.fault, after.fault), (None, None));
+        assert!(after.load_n <= 0.5 * before.load_n, "{effect}");
+        assert!(after.muscle_n <= 0.5 * before.muscle_n, "{effect}");
+    }
+}
+
 fn hil_sim(folder: &Path, words: &str) -> Output {
     Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)
@@ -293,10 +312,6 @@ fn command_writes_settings_that_read_back_and_says_what_it_leaves() {
     );
 }
 
-/// Half is out of reach of a loop 60 N wide: with the whole of it, parameters off by 30 % would
-/// swing the weight, and the tool takes half.
-const NOT_HALVED: [(&str, f64); 1] = [("duhem", 1.0)];
-
 #[test]
 #[ignore = "every effect in every form, for docs/compensation.md: 6 minutes in release"]
 fn no_effect_becomes_worse() {
@@ -324,7 +339,7 @@ fn no_effect_becomes_worse() {
                     || after.load_n > NO_WORSE * before.load_n
                     || after.muscle_n > NO_WORSE * before.muscle_n;
                 let whole = HALVED.contains(&entry.name) && after.load_n > 0.5 * before.load_n;
-                if worse || whole && !NOT_HALVED.contains(&(form.name, size)) {
+                if worse || whole {
                     bad.push((entry.name, form.name, size));
                 }
             }
@@ -360,28 +375,54 @@ fn recorded(hiding: &Hiding, rig: &Rig, parts: &[Part], seed: u64) -> Record {
     record
 }
 
-#[test]
-#[ignore = "diagnoses rigs, for docs/compensation.md: minutes in release"]
-fn errors_fall_by_half_after_a_diagnosis() {
+/// The form `form` of the truth's effect `name`, as a diagnosis of its records finds it: the error
+/// at the load falls to a half, and the muscle's own where the effect enlarges it, which friction
+/// does not.
+fn falls_by_half_after_a_diagnosis(name: &str, form: &str) {
     let tolerance = "\n[tolerance.muscle]\nalpha_m2 = 0.01\ngamma_n = 0.02\n\
          [tolerance.valve]\nflow_gain_kg_per_pa_s = 0.03\n";
     let rig = fitted(tolerance);
-    for name in HALVED {
-        let entry = truth::CATALOGUE.iter().find(|entry| entry.name == name);
-        for form in entry.expect("an effect").forms {
-            let hiding = hiding(name, form.name, 0.7);
-            let fit = [
-                recorded(&hiding, &rig, &[Part::Triangles], 1),
-                recorded(&hiding, &rig, &[Part::Sweep], 2),
-            ];
-            let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
-            let diagnosed = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("diagnosed");
-            let found = diagnosed.fitted.effects.iter();
-            let found: Vec<String> = found.map(|effect| effect.to_toml()).collect();
-            let before = assist(&hiding, &plain(), plain());
-            let after = assist(&hiding, &plain(), compensated(&diagnosed.fitted));
-            told(name, form.name, 0.7, before, after);
-            println!("{}", found.join("").replace('\n', "; "));
+    let hiding = hiding(name, form, 0.7);
+    let fit = [
+        recorded(&hiding, &rig, &[Part::Triangles], 1),
+        recorded(&hiding, &rig, &[Part::Sweep], 2),
+    ];
+    let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
+    let diagnosed = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("diagnosed");
+    let found = diagnosed.fitted.effects.iter();
+    let found: Vec<String> = found.map(|effect| effect.to_toml()).collect();
+    let found = found.join("").replace('\n', "; ");
+    println!("{found}");
+    let before = assist(&hiding, &plain(), plain());
+    let after = assist(&hiding, &plain(), compensated(&diagnosed.fitted));
+    told(name, form, 0.7, before, after);
+    assert_eq!((before.fault, after.fault), (None, None));
+    assert!(after.load_n <= 0.5 * before.load_n, "{found}");
+    assert!(
+        name == "friction" || after.muscle_n <= 0.5 * before.muscle_n,
+        "{found}"
+    );
+}
+
+/// A test for each form, as each takes minutes.
+macro_rules! errors_fall_by_half_after_a_diagnosis {
+    ($($test:ident: $name:literal $form:literal,)*) => {$(
+        #[test]
+        #[ignore = "diagnoses a rig, for docs/compensation.md: 2 minutes in release"]
+        fn $test() {
+            falls_by_half_after_a_diagnosis($name, $form);
         }
-    }
+    )*};
+}
+
+errors_fall_by_half_after_a_diagnosis! {
+    errors_fall_by_half_after_a_diagnosis_of_play_sum: "hysteresis" "play-sum",
+    errors_fall_by_half_after_a_diagnosis_of_bouc_wen: "hysteresis" "bouc-wen",
+    errors_fall_by_half_after_a_diagnosis_of_duhem: "hysteresis" "duhem",
+    errors_fall_by_half_after_a_diagnosis_of_coulomb: "friction" "coulomb",
+    errors_fall_by_half_after_a_diagnosis_of_stribeck: "friction" "stribeck",
+    errors_fall_by_half_after_a_diagnosis_of_lugre: "friction" "lugre",
+    errors_fall_by_half_after_a_diagnosis_of_sharp: "valve-dead-zone" "sharp",
+    errors_fall_by_half_after_a_diagnosis_of_rounded: "valve-dead-zone" "rounded",
+    errors_fall_by_half_after_a_diagnosis_of_asymmetric: "valve-dead-zone" "asymmetric",
 }
