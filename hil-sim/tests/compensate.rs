@@ -313,7 +313,7 @@ fn command_writes_settings_that_read_back_and_says_what_it_leaves() {
 }
 
 #[test]
-#[ignore = "every effect in every form, for docs/compensation.md: 6 minutes in release"]
+#[ignore = "every effect in every form, for docs/compensation.md: 10 minutes in release"]
 fn no_effect_becomes_worse() {
     let untold = compensated(&Rig::reference());
     let mut bad = Vec::new();
@@ -408,7 +408,7 @@ fn falls_by_half_after_a_diagnosis(name: &str, form: &str) {
 macro_rules! errors_fall_by_half_after_a_diagnosis {
     ($($test:ident: $name:literal $form:literal,)*) => {$(
         #[test]
-        #[ignore = "diagnoses a rig, for docs/compensation.md: 2 minutes in release"]
+        #[ignore = "diagnoses a rig, for docs/compensation.md: 1 to 6 minutes in release"]
         fn $test() {
             falls_by_half_after_a_diagnosis($name, $form);
         }
