@@ -292,7 +292,7 @@ fn air_that_flows_back_is_the_reservoirs_or_stays_in_the_muscle() {
     assert!(out_pa < 0.97 * before_pa, "{out_pa} {before_pa}");
     // In 40 of 1000 s a little comes in.
     assert_near(after_pa, before_pa, 0.01 * before_pa, "reservoir");
-    let [_, out_pa, after_pa] = ends_pa("orifice", ("conductance_kg_per_pa_s", 1e-12));
+    let [_, out_pa, after_pa] = ends_pa("checked", ("recovery_time_s", 1e3));
     let volume = *rig("", &[]).require_volume().expect("a volume");
     let kept_pa = out_pa * volume.volume_m3(0.2) / volume.volume_m3(0.1);
     assert_near(after_pa, kept_pa, 0.01 * kept_pa, "check valve");
@@ -1293,7 +1293,7 @@ fn every_form_leaves_its_mark_and_none_at_its_neutral_values() {
             let left = apart(&runs(&effect.to_toml(), TOLERANCE), &nominal);
             assert!(left < 1e-6, "{what}: {left}");
         } else {
-            assert_eq!(kind.name, "slack", "{what}");
+            assert!(kind.name == "slack" || form.name == "checked", "{what}");
         }
     }
 }

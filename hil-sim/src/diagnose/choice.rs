@@ -48,8 +48,9 @@ const SHARE_OF_CALIBRATION: f64 = 0.01;
 const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
-/// The same where they plainly leave something, and how much of a block is plain: half the square
-/// of two noises. By a few tenths forms of one effect differ, effects differ by more.
+/// The same where they plainly leave something in a block that they change: half the square of two
+/// noises. Of hidden effects the right name has left less than two tenths there, also in another
+/// form; a wrong one in its place up to three.
 const SHARE_PLAIN: f64 = 0.8;
 const PLAIN: f64 = 2.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
@@ -325,6 +326,7 @@ impl<M: Model> Search<'_, '_, M> {
                 pairs.extend(others.filter_map(|other| Some((known?, *own, other))));
             }
         }
+        (self.watch)(Step::Stage("other forms from there", pairs.len()));
         let fitted: Vec<_> = pairs
             .par_iter()
             .filter_map(|(known, own, other)| self.engine.reformed(known, *own, *other))
@@ -619,7 +621,11 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     } else {
         1.0
     };
-    let left_plainly = best.fit.parts.iter().any(|part| {
+    let changes = |part: &&Part| {
+        let mut named = best.candidates.iter();
+        named.any(|own| engine.model.candidates()[*own].blocks.contains(&part.block))
+    };
+    let left_plainly = best.fit.parts.iter().filter(changes).any(|part| {
         let total = part.total();
         total.outside > PLAIN * total.count as f64
     });

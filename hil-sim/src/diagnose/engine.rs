@@ -691,7 +691,7 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     /// Fits of `hypothesis` with `other` in place of its candidate `own`, another form of the same
-    /// effect, from where it is, as what has the same name in both is the same quantity. A form
+    /// effect, from where it is, as what has the same name in both is about the same. A form
     /// with several scales may have valleys in which it stays when it is started elsewhere.
     pub fn reformed(
         &self,
@@ -816,8 +816,8 @@ impl<'a, M: Model> Engine<'a, M> {
 
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
-    /// moved with it; the best of its starts. The predicted records count, as an effect may not be moved
-    /// in the others. Costs one evaluation a start.
+    /// moved with it; the best of its starts. The predicted records count, as an effect may not be
+    /// moved in the others. Costs one evaluation a start.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);
         // What a candidate touches stands or falls together.

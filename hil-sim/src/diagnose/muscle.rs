@@ -400,7 +400,7 @@ impl Model for MuscleModel {
             FORCE => {
                 let ways = record.ways(play(&rig));
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
-                begun_best(&rig, &forces, record.fading_forces(&rig)?, |forces_n| {
+                begun_best(&forces, record.fading_forces(&forces)?, |forces_n| {
                     force_residuals(record, forces_n)
                 })
             }
@@ -411,7 +411,7 @@ impl Model for MuscleModel {
                 } else {
                     let ways = record.ways(play(&rig));
                     let forces = Forces::new(&rig, &ways, Force::True)?;
-                    begun_best(&rig, &forces, record.fading_balances(&rig)?, balances)?
+                    begun_best(&forces, record.fading_balances(&forces)?, balances)?
                 };
                 rig.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

@@ -161,16 +161,14 @@ const AIR_TEMPERATURE_K: f64 = 293.0;
 /// What is faster than this is taken to follow at once \[s\].
 const INSTANT_S: f64 = 2e-5;
 
-/// Where what lags behind a drive with a time constant has come to, after a stretch of time in which
-/// the drive went straight from one value to another.
+/// Where what lags behind a drive has come to after a stretch of time in which the drive went
+/// straight from one value to another.
 fn lagged(state: f64, [from, to]: [f64; 2], length_s: f64, time_constant_s: f64) -> f64 {
-    let behind = (to - from) * time_constant_s / length_s;
-    let change = (to - from) + (state - from + behind) * (-length_s / time_constant_s).exp_m1();
-    if length_s > 0.0 {
-        state + change
-    } else {
-        state
+    if length_s <= 0.0 {
+        return state;
     }
+    let behind = (to - from) * time_constant_s / length_s;
+    state + (to - from) + (state - from + behind) * (-length_s / time_constant_s).exp_m1()
 }
 
 #[cfg(test)]

@@ -12,9 +12,9 @@ use model_core::pressure::{AbsolutePa, GaugePa};
 const LARGE_M3: f64 = 1e9;
 
 const RESERVOIR_VOLUME_M3: Parameter =
-    Parameter::new("reservoir_volume_m3", "m³", (1e-6, LARGE_M3), 1e-3)
-        .log()
-        .neutral(LARGE_M3);
+    Parameter::new("reservoir_volume_m3", "m³", (1e-6, LARGE_M3), 1e-3).log();
+
+const RECOVERY_TIME_S: Parameter = Parameter::new("recovery_time_s", "s", (1e-3, 1e3), 1.0).log();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "supply-droop",
@@ -24,32 +24,29 @@ pub(super) const KIND: EffectKind = EffectKind {
     forms: &[
         Form {
             name: "linear",
-            parameters: &[
-                RESERVOIR_VOLUME_M3,
-                Parameter::new("recovery_time_s", "s", (1e-3, 1e3), 1.0).log(),
-            ],
+            parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), RECOVERY_TIME_S],
             source: "Isothermal reservoir, linear restriction towards the nominal supply; air that \
                      flows back from the muscle is in it again. Leaves out a regulator's own \
                      dynamics.",
-            build: |values| {
-                Term::Supply(Box::new(Reservoir {
-                    volume_m3: values[0],
-                    refill: Refill::Linear {
-                        recovery_time_s: values[1],
-                    },
-                }))
-            },
+            build: |values| linear(values, false),
+        },
+        Form {
+            name: "checked",
+            // With any volume the check valve is there.
+            parameters: &[RESERVOIR_VOLUME_M3, RECOVERY_TIME_S],
+            source: "The same behind a check valve, which keeps in the muscle what would flow \
+                     back. Leaves out a regulator's own dynamics.",
+            build: |values| linear(values, true),
         },
         Form {
             name: "orifice",
             parameters: &[
-                RESERVOIR_VOLUME_M3,
+                RESERVOIR_VOLUME_M3.neutral(LARGE_M3),
                 Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log(),
             ],
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
-                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator, with a check \
-                     valve that keeps in the muscle what would flow back. Leaves out a \
-                     regulator's own dynamics.",
+                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
+                     a regulator's own dynamics.",
             build: |values| {
                 Term::Supply(Box::new(Reservoir {
                     volume_m3: values[0],
@@ -57,11 +54,23 @@ pub(super) const KIND: EffectKind = EffectKind {
                         conductance_kg_per_pa_s: values[1],
                         critical_ratio: 0.5,
                     }),
+                    checked: false,
                 }))
             },
         },
     ],
 };
+
+fn linear(values: &[f64], checked: bool) -> Term {
+    let refill = Refill::Linear {
+        recovery_time_s: values[1],
+    };
+    Term::Supply(Box::new(Reservoir {
+        volume_m3: values[0],
+        refill,
+        checked,
+    }))
+}
 
 /// What brings the reservoir back.
 enum Refill {
@@ -75,6 +84,8 @@ enum Refill {
 struct Reservoir {
     volume_m3: f64,
     refill: Refill,
+    /// Air does not flow back into it.
+    checked: bool,
 }
 
 impl Dynamics<SupplyPoint> for Reservoir {
@@ -102,6 +113,6 @@ impl SupplyTerm for Reservoir {
     }
 
     fn checks(&self) -> bool {
-        matches!(self.refill, Refill::Orifice(_))
+        self.checked
     }
 }

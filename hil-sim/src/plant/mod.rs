@@ -209,13 +209,10 @@ impl Pneumatics {
             atmospheric,
         };
         line.valve_flow_kg_per_s = self.valve.flow_kg_per_s(&valve, state);
-        // A valve that would fill is open to the supply, also where that has fallen below its port.
-        supply.drawn_kg_per_s = if valve.reference.0 >= supply_pressure.0 {
-            line.valve_flow_kg_per_s = self.supply.drawn_kg_per_s(line.valve_flow_kg_per_s);
-            line.valve_flow_kg_per_s
-        } else {
-            line.valve_flow_kg_per_s.max(0.0)
-        };
+        supply.drawn_kg_per_s = line.valve_flow_kg_per_s.max(0.0);
+        if drive.supply.is_none() && !self.supply.terms.is_empty() {
+            self.flow_back(&valve, &mut line, &mut supply, state);
+        }
         let gas = GasPoint {
             time_s,
             pressure,
@@ -327,7 +324,7 @@ impl Plant {
     }
 
     #[inline]
-    fn muscle_point(&self, time_s: f64, state: &[f64]) -> MusclePoint {
+    pub(crate) fn muscle_point(&self, time_s: f64, state: &[f64]) -> MusclePoint {
         MusclePoint {
             time_s,
             contraction: state[CONTRACTION],
@@ -577,6 +574,24 @@ impl Plant {
 }
 
 impl Pneumatics {
+    /// Air that flows back through a valve open to its supply is the supply's again, or stays in
+    /// the line where a check valve is.
+    #[cold]
+    fn flow_back(
+        &self,
+        valve: &ValvePoint,
+        line: &mut LinePoint,
+        supply: &mut SupplyPoint,
+        state: &[f64],
+    ) {
+        if line.valve_flow_kg_per_s < 0.0 && self.valve.open_to_supply(valve, state) {
+            if self.supply.checks() {
+                line.valve_flow_kg_per_s = 0.0;
+            }
+            supply.drawn_kg_per_s = line.valve_flow_kg_per_s;
+        }
+    }
+
     /// Rates of the states that effects on these blocks have.
     fn term_rates(&self, signals: &PneumaticSignals, state: &[f64], rates: &mut [f64]) {
         self.supply.terms.rates(&signals.supply, state, rates);

@@ -47,15 +47,9 @@ impl SupplyBlock {
         self.with_terms(*at, state)
     }
 
-    /// Mass flow from the supply \[kg/s\] where the valve is open to it and `flow_kg_per_s` would
-    /// pass the valve.
-    #[inline]
-    pub fn drawn_kg_per_s(&self, flow_kg_per_s: f64) -> f64 {
-        if flow_kg_per_s < 0.0 && self.terms.all().any(|term| term.checks()) {
-            0.0
-        } else {
-            flow_kg_per_s
-        }
+    /// Whether a check valve keeps air from flowing back.
+    pub fn checks(&self) -> bool {
+        self.terms.all().any(|term| term.checks())
     }
 
     #[inline(never)]

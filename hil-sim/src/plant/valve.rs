@@ -58,13 +58,24 @@ impl ValveBlock {
         mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port)
     }
 
-    #[inline(never)]
-    fn with_terms_kg_per_s(&self, at: ValvePoint, state: &[f64]) -> f64 {
+    /// The reference that it acts on.
+    fn reference(&self, at: &ValvePoint, state: &[f64]) -> GaugePa<f64> {
         let mut reference = at.reference;
         for (term, own) in self.terms.iter(state) {
-            reference = term.reference(&at, own, reference);
+            reference = term.reference(at, own, reference);
         }
-        let mut flow = self.nominal_kg_per_s(&at, reference);
+        reference
+    }
+
+    /// Whether it would fill beyond its supply, and so is open to that, also where the pressure
+    /// there has fallen below the port's.
+    pub fn open_to_supply(&self, at: &ValvePoint, state: &[f64]) -> bool {
+        self.reference(at, state).0 >= at.supply.0
+    }
+
+    #[inline(never)]
+    fn with_terms_kg_per_s(&self, at: ValvePoint, state: &[f64]) -> f64 {
+        let mut flow = self.nominal_kg_per_s(&at, self.reference(&at, state));
         for (term, own) in self.terms.iter(state) {
             flow = term.flow_kg_per_s(&at, own, flow);
         }

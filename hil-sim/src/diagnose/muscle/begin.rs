@@ -7,38 +7,26 @@
 //! from each record, the predicted ones too, and counts by how likely it is. So does the memory of
 //! a hysteresis, which no rest settles.
 
-use super::force::{FORCE_ALONE, Forces};
-use super::prepared::Prepared;
+use super::force::Forces;
 use crate::diagnose::least_squares::{Linearized, Residuals, Slopes};
-use crate::error::BadInput;
-use crate::plant::muscle::MusclePoint;
-use crate::plant::{Plant, Term};
-use crate::record::{CONTRACTION, PRESSURE_PA, Record};
-use crate::rig::{Load, Rig};
-use model_core::pressure::GaugePa;
 use nalgebra::{DMatrix, DVector};
 
-/// Standard deviation of what a state may be off by, in units of its drive's usual size.
+/// Standard deviation of what a state may be off by, in units of its drive's usual size; for a
+/// run-in, of what is left of it.
 const SPREAD: f64 = 0.5;
 /// States at the begin that are unknown at most: of a creep and a run-in, and the memory of a
 /// hysteresis.
 pub(super) const UNKNOWNS: usize = 6;
 
-/// Residuals of `rig`, by the forces that its muscle may have, for the begin that fits best: with
+/// Residuals, by the forces that the muscle may have, for the begin that fits best: with
 /// what a motion before may have left in effects with a memory and in those that fade, as `fading`
 /// says for each of their states.
 pub(super) fn begun_best(
-    rig: &Rig,
     forces: &Forces,
     mut fading: Vec<Vec<f64>>,
     residuals: impl Fn(&[(f64, f64)]) -> Option<Residuals>,
 ) -> Option<Residuals> {
-    let mut effects = rig.effects.iter();
-    let remembers = effects.any(|effect| match (effect.form.build)(&effect.values) {
-        Term::Muscle(term) => term.remembers(),
-        _ => false,
-    });
-    if !remembers {
+    if !forces.remembers() {
         return Some(forgotten(residuals(&forces.settled_n()?)?, &fading, None));
     }
     // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
@@ -58,54 +46,6 @@ pub(super) fn begun_best(
     let share = states.iter().next_back()?.clamp(-1.0, 1.0);
     let forces_n = forces.between_n(&ends, share)?;
     Some(forgotten(residuals(&forces_n)?, &fading, Some(share)))
-}
-
-impl Prepared {
-    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
-    /// were settled.
-    pub(super) fn fading_n(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
-        if self.settled {
-            return Some(Vec::new());
-        }
-        fading_n(rig, &self.measured).ok()
-    }
-}
-
-/// What each state of the muscle's effects of `rig` that fades by itself adds to the force where it
-/// was one unit too large when `record` began, row by row \[N\].
-fn fading_n(rig: &Rig, record: &Record) -> Result<Vec<Vec<f64>>, BadInput> {
-    let mut rig = rig.clone();
-    rig.load = Load::Prescribed;
-    let muscle = Plant::new(&rig, FORCE_ALONE)?.muscle;
-    let time_s = record.time_s();
-    let (contraction, pressure_pa) = (record.require(CONTRACTION)?, record.require(PRESSURE_PA)?);
-    let mut all = Vec::new();
-    for term in muscle.terms.all() {
-        let mut own: Vec<Vec<f64>> = Vec::new();
-        let mut memory = vec![0.0; term.states()];
-        for row in 0..time_s.len() {
-            let at = MusclePoint {
-                time_s: time_s[row],
-                contraction: contraction[row],
-                contraction_rate_per_s: 0.0,
-                direction: 0.0,
-                pressure: GaugePa(pressure_pa[row]),
-            };
-            if row == 0 {
-                term.settle(&at, &mut memory);
-            } else {
-                term.commit(&at, &mut memory);
-            }
-            let fading = term.fading(&at, &muscle.law, &memory);
-            own.resize(fading.len(), Vec::new());
-            for (state, (size_n, time_constant_s)) in own.iter_mut().zip(fading) {
-                let left = (-(time_s[row] - time_s[0]) / time_constant_s).exp();
-                state.push(size_n * left);
-            }
-        }
-        all.extend(own);
-    }
-    Ok(all)
 }
 
 /// What unknown states at the begin, which change `residuals` with these slopes, most likely are.
@@ -152,9 +92,19 @@ fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>
 
 #[cfg(test)]
 mod tests {
+    use super::super::force::Force;
     use super::*;
     use crate::record::FORCE_N;
+    use crate::record::{CONTRACTION, PRESSURE_PA, Record};
+    use crate::rig::Rig;
     use crate::simulate::simulate;
+    use std::borrow::Cow;
+
+    fn fading_n(rig: &Rig, record: &Record) -> Vec<Vec<f64>> {
+        let records = [Cow::Borrowed(record)];
+        let forces = Forces::new(rig, &records, Force::True).expect("driven");
+        forces.fading_n().expect("fading")
+    }
 
     /// The begin of a record is off by what a step before it has left: `fading_n` says how that
     /// acts on the force, and how it fades.
@@ -186,7 +136,7 @@ mod tests {
                 simulated.require(FORCE_N).expect("a force").to_vec()
             };
             let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(1)));
-            let fading_n = fading_n(&rig, &from(1)).expect("fading");
+            let fading_n = fading_n(&rig, &from(1));
             assert_eq!(fading_n.len(), 1);
             let way = time_constant_s / step_s;
             let off = step * way * (1.0 - (-1.0 / way).exp());
@@ -218,7 +168,7 @@ mod tests {
             simulated.require(FORCE_N).expect("a force").to_vec()
         };
         let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(200)));
-        let fading_n = fading_n(&rig, &from(200)).expect("fading");
+        let fading_n = fading_n(&rig, &from(200));
         // A way of 0.06 before, less the play in which a motion is none.
         let off = (-(0.06_f64 - 5e-4) / 0.2).exp() - 1.0;
         assert!((cut_n[0] - whole_n[200]).abs() > 5.0);

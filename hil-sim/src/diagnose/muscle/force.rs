@@ -1,7 +1,7 @@
 //! The muscle's force along a measured motion.
 
 use crate::plant::term::Update;
-use crate::plant::{CONTRACTION, Drive, PRESSURE, Plant, Simulated};
+use crate::plant::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
 use crate::record::Record;
 use crate::rig::{Load, Rig};
 use crate::simulate::Inputs;
@@ -83,6 +83,20 @@ impl<'a> Forces<'a> {
     }
 }
 
+impl Forces<'_> {
+    /// Whether the muscle has a memory of the motion.
+    pub(super) fn remembers(&self) -> bool {
+        let mut driven = self.0.iter();
+        driven.any(|own| own.plant.muscle.terms.all().any(|term| term.remembers()))
+    }
+
+    /// What each state of the muscle that fades adds to the force where it was one unit too large
+    /// at the begin, row by row \[N\].
+    pub(super) fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
+        self.0.first().map_or(Some(Vec::new()), Driven::fading_n)
+    }
+}
+
 impl ForceEnds {
     /// From −1 (0) or from 1 (1).
     pub(super) fn forces_n(&self, end: usize) -> Vec<(f64, f64)> {
@@ -120,6 +134,55 @@ impl<'a> Driven<'a> {
         Some(forces_n)
     }
 
+    fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
+        let Driven { plant, inputs, .. } = self;
+        let muscle = &plant.muscle;
+        let mut all: Vec<Vec<f64>> = Vec::new();
+        let mut states = [vec![0.0; plant.states()]];
+        for row in 0..inputs.time_s.len() {
+            self.advance(row, &mut states, [None])?;
+            let since_s = inputs.time_s[row] - inputs.time_s[0];
+            let at = plant.muscle_point(inputs.time_s[row], &states[0]);
+            let terms = muscle.terms.iter(&states[0]);
+            let fading = terms.flat_map(|(term, own)| term.fading(&at, &muscle.law, own));
+            for (number, (size_n, time_constant_s)) in fading.enumerate() {
+                if row == 0 {
+                    all.push(Vec::with_capacity(inputs.time_s.len()));
+                }
+                all[number].push(size_n * (-since_s / time_constant_s).exp());
+            }
+        }
+        Some(all)
+    }
+
+    /// Takes states on to `row`, or begins with them.
+    fn advance<const N: usize>(
+        &self,
+        row: usize,
+        states: &mut [Vec<f64>],
+        begins: [Option<f64>; N],
+    ) -> Option<()> {
+        let Driven { plant, inputs, .. } = self;
+        let time_s = inputs.time_s[row];
+        let contraction = inputs.contraction(row)?;
+        let pressure = inputs.pressure(row)?.to_absolute(plant.atmospheric);
+        let mut before = [0.0; STATES_MAX];
+        for (state, begin) in states.iter_mut().zip(begins) {
+            let before = &mut before[..state.len()];
+            before.copy_from_slice(state);
+            (state[CONTRACTION], state[PRESSURE]) = (contraction, pressure.0);
+            if row > 0 {
+                plant.follow((inputs.time_s[row - 1], before), time_s, state);
+                continue;
+            }
+            plant.settle(time_s, &Drive::default(), state);
+            if let Some(share) = begin {
+                plant.update_terms(Update::Lean(share), time_s, &Drive::default(), state);
+            }
+        }
+        Some(())
+    }
+
     /// Forces in the first rows from several begins, settled or leaning by a share, and from which
     /// row on all are the same.
     fn forces_n<const N: usize>(
@@ -128,28 +191,13 @@ impl<'a> Driven<'a> {
         rows: usize,
     ) -> Option<([Vec<f64>; N], usize)> {
         let Driven { plant, inputs, .. } = self;
-        let drive = Drive::default();
         let mut states = [(); N].map(|()| vec![0.0; plant.states()]);
-        let mut before = vec![0.0; plant.states()];
         let mut forces_n = [(); N].map(|()| Vec::with_capacity(inputs.time_s.len()));
         let mut met = inputs.time_s.len();
         for row in 0..rows {
             let time_s = inputs.time_s[row];
-            let contraction = inputs.contraction(row)?;
-            let pressure = inputs.pressure(row)?.to_absolute(plant.atmospheric);
             let apart = if row < met { N } else { 1 };
-            for (state, begin) in states[..apart].iter_mut().zip(begins) {
-                before.copy_from_slice(state);
-                (state[CONTRACTION], state[PRESSURE]) = (contraction, pressure.0);
-                if row > 0 {
-                    plant.follow((inputs.time_s[row - 1], &before), time_s, state);
-                    continue;
-                }
-                plant.settle(time_s, &drive, state);
-                if let Some(share) = begin {
-                    plant.update_terms(Update::Lean(share), time_s, &drive, state);
-                }
-            }
+            self.advance(row, &mut states[..apart], begins)?;
             for (forces_n, state) in forces_n.iter_mut().zip(&states[..apart]) {
                 forces_n.push(match self.force {
                     Force::Read => plant.read(time_s, state).force_n,

@@ -2,7 +2,7 @@
 
 use super::TOLERANCE;
 use super::along::Along;
-use super::force::FORCE_ALONE;
+use super::force::{FORCE_ALONE, Forces};
 use super::play::play;
 use super::prepared::{Place, Prepared};
 use crate::diagnose::least_squares::Residuals;
@@ -90,18 +90,27 @@ pub(super) fn force_residuals(record: &Prepared, forces_n: &[(f64, f64)]) -> Opt
 }
 
 impl Prepared {
+    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
+    /// were settled.
+    fn fading_n(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
+        if self.settled {
+            return Some(Vec::new());
+        }
+        forces.fading_n()
+    }
+
     /// How states that were off at the begin change the residuals of the force.
-    pub(super) fn fading_forces(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+    pub(super) fn fading_forces(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
         let rows = || self.force_rows.iter().zip(&self.per_force_noise);
-        let fading = self.fading_n(rig)?.into_iter();
+        let fading = self.fading_n(forces)?.into_iter();
         let fading = fading.map(|n| rows().map(|(row, per_noise)| n[*row] * per_noise).collect());
         Some(fading.collect())
     }
 
     /// How they change those of the load's balance, where that stands for the muscle's force too.
-    pub(super) fn fading_balances(&self, rig: &Rig) -> Option<Vec<Vec<f64>>> {
+    pub(super) fn fading_balances(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
         let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
-        let fading = self.fading_n(rig)?.into_iter();
+        let fading = self.fading_n(forces)?.into_iter();
         let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
         Some(fading.collect())
     }
@@ -223,7 +232,7 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
 #[cfg(test)]
 mod tests {
     use super::super::begin::{UNKNOWNS, begun_best};
-    use super::super::force::{Force, Forces};
+    use super::super::force::Force;
     use super::*;
     use std::borrow::Cow;
 
@@ -257,8 +266,8 @@ mod tests {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
-        let fading = prepared.fading_forces(&rig).expect("fading");
-        let best = begun_best(&rig, &forces, fading, residuals)
+        let fading = prepared.fading_forces(&forces).expect("fading");
+        let best = begun_best(&forces, fading, residuals)
             .expect("residuals")
             .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
