@@ -581,12 +581,14 @@ impl<M: Model> Search<'_, '_, M> {
                 let enough = if found > 1 {
                     left < GAIN.max(SHARE_LEFT * excess(&null.fit))
                 } else {
-                    let promises = self.engine.promises(&taken)?;
                     let beyond = |(candidate, promise): (usize, &f64)| {
                         promise - GAIN_PARAMETER * self.parameters(&[candidate]) as f64
                     };
-                    let mut beyond = promises.iter().enumerate().map(beyond);
-                    left < GAIN && beyond.all(|promise| promise < GAIN)
+                    let few = |promises: Vec<f64>| {
+                        let mut beyond = promises.iter().enumerate().map(beyond);
+                        beyond.all(|promise| promise < GAIN)
+                    };
+                    left < GAIN && self.engine.promises(&taken).is_some_and(few)
                 };
                 if enough {
                     break;

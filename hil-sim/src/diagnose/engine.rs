@@ -399,12 +399,17 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
             slack: DMatrix::zeros(rows, x.len()),
         };
         for place in 0..x.len() {
-            let step = self.step(x, place);
-            let mut moved = x.clone();
-            moved[place] += step;
-            let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
             let moves = |block| self.moves(place, block);
-            let change = change(self.model, (self.records, self.blocks), &moves, with, base)?;
+            let by = |step: f64| {
+                let mut moved = x.clone();
+                moved[place] += step;
+                let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
+                let change = change(self.model, (self.records, self.blocks), &moves, with, base)?;
+                Some((step, change))
+            };
+            // Beside a place without a solution the other way may have one.
+            let step = self.step(x, place);
+            let (step, change) = by(step).or_else(|| by(-step))?;
             slopes
                 .values
                 .set_column(place, &(change.values.column(0) / step));
