@@ -848,6 +848,25 @@ fn flow_limit_chokes_large_steps_alone() {
 }
 
 /// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
+/// A spool that lags uncovers its ports late, whichever effect the rig names first.
+#[test]
+fn a_lagging_valve_keeps_its_dead_zone() {
+    let half_width_pa = 1e4;
+    let lag = effect("valve-lag", "first-order", &[("time_constant_s", 0.05)]);
+    let zone = effect(
+        "valve-dead-zone",
+        "sharp",
+        &[("half_width_pa", half_width_pa)],
+    );
+    let mut record = drive(20.0, steps);
+    record.set(CONTRACTION, vec![0.1; record.time_s().len()]);
+    let pressure_pa = |effects: &str| simulated(&rig(effects, &[CLAMPED]), &record, PRESSURE_PA);
+    let both_pa = pressure_pa(&(lag.clone() + &zone));
+    assert!(apart(&both_pa, &pressure_pa(&(zone.clone() + &lag))) < 1.0);
+    assert!(apart(&both_pa, &pressure_pa(&lag)) > 0.9 * half_width_pa);
+    assert!(apart(&both_pa, &pressure_pa(&zone)) > 0.9 * half_width_pa);
+}
+
 #[test]
 fn valve_lag_of_second_order_is_a_lagging_reference() {
     const TIME_CONSTANT_S: f64 = 0.02;

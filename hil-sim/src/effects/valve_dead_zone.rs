@@ -74,7 +74,7 @@ impl DeadZone {
 impl Dynamics<ValvePoint> for DeadZone {}
 
 impl ValveTerm for DeadZone {
-    fn reference(&self, at: &ValvePoint, _: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+    fn ported(&self, at: &ValvePoint, reference: GaugePa<f64>) -> GaugePa<f64> {
         let error_pa = reference.0 - at.port.0;
         let left_pa =
             self.beyond(error_pa - self.filling_pa) - self.beyond(-error_pa - self.exhausting_pa);

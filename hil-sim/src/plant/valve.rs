@@ -21,8 +21,13 @@ pub struct ValvePoint {
 
 /// A term of the valve block.
 pub trait ValveTerm: Dynamics<ValvePoint> + Send + Sync {
-    /// The reference the valve acts on, from the one that comes to the term.
+    /// The reference that moves the spool, from the one that comes to the term.
     fn reference(&self, _at: &ValvePoint, _state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        reference
+    }
+
+    /// The reference that the spool's ports act on, from the one that has moved it there.
+    fn ported(&self, _at: &ValvePoint, reference: GaugePa<f64>) -> GaugePa<f64> {
         reference
     }
 
@@ -58,11 +63,15 @@ impl ValveBlock {
         mass_flow_kg_per_s(self.flow_gain_kg_per_pa_s, limited, at.port)
     }
 
-    /// The reference that it acts on.
+    /// The reference that it acts on: what moves the spool comes before its ports, in whatever
+    /// order they were added.
     fn reference(&self, at: &ValvePoint, state: &[f64]) -> GaugePa<f64> {
         let mut reference = at.reference;
         for (term, own) in self.terms.iter(state) {
             reference = term.reference(at, own, reference);
+        }
+        for term in self.terms.all() {
+            reference = term.ported(at, reference);
         }
         reference
     }
