@@ -847,7 +847,6 @@ fn flow_limit_chokes_large_steps_alone() {
     );
 }
 
-/// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
 /// A spool that lags uncovers its ports late, whichever effect the rig names first.
 #[test]
 fn a_lagging_valve_keeps_its_dead_zone() {
@@ -867,6 +866,7 @@ fn a_lagging_valve_keeps_its_dead_zone() {
     assert!(apart(&both_pa, &pressure_pa(&zone)) > 0.9 * half_width_pa);
 }
 
+/// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
 #[test]
 fn valve_lag_of_second_order_is_a_lagging_reference() {
     const TIME_CONSTANT_S: f64 = 0.02;

@@ -5,7 +5,7 @@
 //! needed: without it much of what is then left would be explained by nothing else. What the set
 //! leaves decides whether it is named at all.
 
-use super::engine::{Active, Engine, Fit, Hypothesis, Model, Part, Tally};
+use super::engine::{Active, Engine, Exchange, Fit, Hypothesis, Model, Part, Tally};
 use rayon::prelude::*;
 
 /// Names that lead over all, and over each block alone.
@@ -317,31 +317,20 @@ impl<M: Model> Search<'_, '_, M> {
     /// Fits other forms of the members of the leading sets once more, from where these are.
     fn reform(&mut self, members: usize) {
         let all = self.engine.model.candidates();
-        let mut pairs = Vec::new();
+        let mut exchanges = Vec::new();
         for set in self.leading(members, VARIED) {
-            let known = self.tried.iter().find(|h| h.candidates == set);
-            for own in &set {
-                let forms = (0..all.len()).filter(|c| all[*c].effect == all[*own].effect);
-                let others = forms.filter(|other| other != own);
-                pairs.extend(others.filter_map(|other| Some((known?, *own, other))));
+            let Some(of) = self.tried.iter().find(|h| h.candidates == set) else {
+                continue;
+            };
+            for own in set {
+                let forms = (0..all.len()).filter(|c| all[*c].effect == all[own].effect);
+                let others = forms.filter(|form| *form != own);
+                exchanges.extend(others.map(|form| Exchange { of, own, form }));
             }
         }
-        (self.watch)(Step::Stage("other forms from there", pairs.len()));
-        let fitted: Vec<_> = pairs
-            .par_iter()
-            .filter_map(|(known, own, other)| self.engine.reformed(known, *own, *other))
-            .collect();
-        let exchanged = |(known, own, other): &(&Hypothesis, usize, usize)| -> Vec<usize> {
-            let candidates = known.candidates.iter();
-            candidates
-                .map(|c| if c == own { *other } else { *c })
-                .collect()
-        };
-        let sets: Vec<Vec<usize>> = pairs.iter().map(exchanged).collect();
-        self.engine.keep(fitted.into_iter().flatten().collect());
-        let found = sets.par_iter();
-        let found = found.filter_map(|set| self.engine.hypothesis(set));
-        self.improve(found.collect());
+        (self.watch)(Step::Stage("other forms from there", exchanges.len()));
+        let reformed = self.engine.reformed(&exchanges);
+        self.improve(reformed);
         self.polish(members);
     }
 
@@ -581,12 +570,12 @@ impl<M: Model> Search<'_, '_, M> {
                 let enough = if found > 1 {
                     left < GAIN.max(SHARE_LEFT * excess(&null.fit))
                 } else {
-                    let beyond = |(candidate, promise): (usize, &f64)| {
-                        promise - GAIN_PARAMETER * self.parameters(&[candidate]) as f64
-                    };
                     let few = |promises: Vec<f64>| {
-                        let mut beyond = promises.iter().enumerate().map(beyond);
-                        beyond.all(|promise| promise < GAIN)
+                        let mut promises = promises.iter().enumerate();
+                        promises.all(|(candidate, promise)| {
+                            let own = GAIN_PARAMETER * self.parameters(&[candidate]) as f64;
+                            promise - own < GAIN
+                        })
                     };
                     left < GAIN && self.engine.promises(&taken).is_some_and(few)
                 };

@@ -9,7 +9,6 @@ mod reshaped;
 
 use super::least_squares::{
     Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
-    weight,
 };
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -493,7 +492,7 @@ impl std::ops::AddAssign for Tally {
 }
 
 /// What a fit is of: blocks and candidates.
-pub type Key = (Vec<usize>, Vec<usize>);
+type Key = (Vec<usize>, Vec<usize>);
 
 /// Fits and what they predict, each made once.
 pub struct Engine<'a, M> {
@@ -509,6 +508,16 @@ pub struct Hypothesis {
     pub candidates: Vec<usize>,
     /// The fit.
     pub fit: Fit,
+}
+
+/// A candidate of a hypothesis, and another form of the same effect for its place.
+pub struct Exchange<'h> {
+    /// The hypothesis.
+    pub of: &'h Hypothesis,
+    /// Its candidate.
+    pub own: usize,
+    /// The other form.
+    pub form: usize,
 }
 
 impl<'a, M: Model> Engine<'a, M> {
@@ -560,14 +569,25 @@ impl<'a, M: Model> Engine<'a, M> {
         fit
     }
 
+    /// Fits `blocks` with `candidates` of `hypothesis`, from where it is.
+    fn refitted(
+        &self,
+        hypothesis: &Hypothesis,
+        blocks: &[usize],
+        candidates: &[usize],
+        goal: Goal,
+    ) -> Option<Fit> {
+        let free = self.free(blocks);
+        let x = self.coordinates(hypothesis, &free, candidates);
+        let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        let found = minimize(&mut problem, DVector::from_vec(x), goal)?;
+        problem.fit(&found)
+    }
+
     /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are.
     pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
-        let blocks = [block];
-        let free = self.free(&blocks);
-        let x = self.coordinates(hypothesis, &free, &hypothesis.candidates);
-        let mut problem = Problem::new(self.model, &blocks, &free, &hypothesis.candidates);
-        let found = minimize(&mut problem, DVector::from_vec(x), LOOSE)?;
-        Some(problem.fit(&found)?.score())
+        let fit = self.refitted(hypothesis, &[block], &hypothesis.candidates, LOOSE)?;
+        Some(fit.score())
     }
 
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
@@ -686,57 +706,66 @@ impl<'a, M: Model> Engine<'a, M> {
     pub fn polished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            let free = self.free(&blocks);
-            let x = self.coordinates(hypothesis, &free, &touching);
-            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
-            let found = minimize(&mut problem, DVector::from_vec(x), TIGHT)?;
-            joint.join(problem.fit(&found)?);
+            joint.join(self.refitted(hypothesis, &blocks, &touching, TIGHT)?);
         }
         self.finished(hypothesis.candidates.clone(), joint)
     }
 
-    /// Fits of `hypothesis` with `other` in place of its candidate `own`, another form of the same
-    /// effect, from where it is, as what has the same name in both is about the same. A form
-    /// with several scales may have valleys in which it stays when it is started elsewhere.
-    pub fn reformed(
-        &self,
-        hypothesis: &Hypothesis,
-        own: usize,
-        other: usize,
-    ) -> Option<Vec<(Key, Fit)>> {
+    /// Hypotheses with one candidate exchanged for another form of the same effect, and fitted from
+    /// where they are, as what has the same name in both is about the same. A form with several
+    /// scales may have valleys in which it stays when it is started elsewhere.
+    pub fn reformed(&self, exchanges: &[Exchange]) -> Vec<Hypothesis> {
+        let begun = exchanges
+            .iter()
+            .filter_map(|exchange| self.exchanged(exchange));
+        let begun: Vec<(Hypothesis, usize)> = begun.collect();
+        let fits = begun.par_iter();
+        let fits = fits.filter_map(|(begun, form)| self.refits(begun, *form));
+        let fits: Vec<Vec<(Key, Fit)>> = fits.collect();
+        // Not while others fit, which would begin by chance.
+        self.keep(fits.into_iter().flatten());
+        let reformed = begun
+            .par_iter()
+            .filter_map(|(begun, _)| self.hypothesis(&begun.candidates));
+        reformed.collect()
+    }
+
+    /// Where the fit of an exchange begins, and its form.
+    fn exchanged(&self, exchange: &Exchange) -> Option<(Hypothesis, usize)> {
+        let Exchange { of, own, form } = *exchange;
         let all = self.model.candidates();
-        let mut begun = hypothesis.clone();
-        let place = hypothesis.fit.effects.iter().position(|(c, _)| *c == own)?;
-        let (_, values) = &hypothesis.fit.effects[place];
-        let of = |parameter: &Parameter| {
+        let mut begun = of.clone();
+        let place = of.fit.effects.iter().position(|(c, _)| *c == own)?;
+        let (_, values) = &of.fit.effects[place];
+        let coordinate = |parameter: &Parameter| {
             let names = all[own].parameters.iter().zip(values);
             let mut same = names.filter(|(known, _)| known.name == parameter.name);
             let x = same.next().map_or(1.0, |(_, v)| parameter.coordinate(*v));
             let (least, most) = parameter.reach();
             x.clamp(least, most)
         };
-        begun.fit.coordinates[place] = all[other].parameters.iter().map(of).collect();
-        begun.fit.effects[place].0 = other;
-        let exchanged = hypothesis.candidates.iter();
-        let exchanged = exchanged.map(|c| if *c == own { other } else { *c });
-        let mut candidates: Vec<usize> = exchanged.collect();
-        candidates.sort_unstable();
-        let groups = self.groups(&candidates).into_iter();
-        let touched = groups.filter(|(_, touching)| touching.contains(&other));
+        begun.fit.coordinates[place] = all[form].parameters.iter().map(coordinate).collect();
+        begun.fit.effects[place].0 = form;
+        begun.candidates.retain(|candidate| *candidate != own);
+        begun.candidates.push(form);
+        begun.candidates.sort_unstable();
+        Some((begun, form))
+    }
+
+    /// Fits of the groups of `begun` that `candidate` touches.
+    fn refits(&self, begun: &Hypothesis, candidate: usize) -> Option<Vec<(Key, Fit)>> {
+        let groups = self.groups(&begun.candidates).into_iter();
+        let touched = groups.filter(|(_, touching)| touching.contains(&candidate));
         let fitted = touched.map(|(blocks, touching)| {
-            let free = self.free(&blocks);
-            let x = self.coordinates(&begun, &free, &touching);
-            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
-            let found = minimize(&mut problem, DVector::from_vec(x), LOOSE)?;
-            let fit = problem.fit(&found)?;
+            let fit = self.refitted(begun, &blocks, &touching, LOOSE)?;
             Some(((blocks, touching), fit))
         });
         fitted.collect()
     }
 
     /// Keeps fits that are better than what is known: what is fitted with more than they have
-    /// begins there. Not while others fit, which would begin by chance.
-    pub fn keep(&self, found: Vec<(Key, Fit)>) {
+    /// begins there.
+    fn keep(&self, found: impl Iterator<Item = (Key, Fit)>) {
         let Ok(mut fits) = self.fits.lock() else {
             return;
         };
@@ -764,13 +793,7 @@ impl<'a, M: Model> Engine<'a, M> {
         let found = at(&mut problem, DVector::from_vec(x))?;
         let x = &found.x;
         let slopes = problem.slopes(x, &found.residuals)?;
-        let mut slopes = slopes.outside(&found.residuals);
-        let mut residuals = DVector::from_iterator(slopes.nrows(), found.residuals.outside());
-        for (row, residual) in residuals.iter_mut().enumerate() {
-            let root = weight(*residual).sqrt();
-            *residual *= root;
-            slopes.row_mut(row).scale_mut(root);
-        }
+        let (residuals, slopes) = slopes.weighted(&found.residuals);
         let priors = problem.priors(x);
         let size = x.len();
         let mut bread = slopes.tr_mul(&slopes);

@@ -64,7 +64,7 @@ fn outside(value: f64, slack: f64) -> f64 {
 }
 
 /// Weight of a residual in a weighted sum of squares that touches the loss where it is.
-pub fn weight(residual: f64) -> f64 {
+fn weight(residual: f64) -> f64 {
     (OUTLIER / residual.abs()).min(1.0)
 }
 
@@ -95,18 +95,36 @@ pub struct Slopes {
 }
 
 impl Slopes {
-    /// Slopes of what lies outside at `residuals`, 0 inside.
-    pub fn outside(&self, residuals: &Residuals) -> DMatrix<f64> {
-        let mut slopes = &self.values - &self.slack;
-        for (row, outside) in residuals.outside().enumerate() {
-            if outside == 0.0 {
-                slopes.row_mut(row).fill(0.0);
-            } else if outside < 0.0 {
-                let turned = self.values.row(row) + self.slack.row(row);
-                slopes.row_mut(row).copy_from(&turned);
+    /// What lies outside at `residuals`, and its slopes, 0 inside, by the roots of their weights: the
+    /// least squares that touch the loss there.
+    pub fn weighted(&self, residuals: &Residuals) -> (DVector<f64>, DMatrix<f64>) {
+        let mut slopes = DMatrix::zeros(self.values.nrows(), self.values.ncols());
+        (self.weigh(residuals, &mut slopes), slopes)
+    }
+
+    /// The same with `room` for the slopes.
+    fn weigh(&self, residuals: &Residuals, room: &mut DMatrix<f64>) -> DVector<f64> {
+        let rows = residuals.values.len();
+        let outside = DVector::from_iterator(rows, residuals.outside());
+        let roots = outside.map(|row| weight(row).sqrt());
+        // What is above a dead zone falls as that grows.
+        let factors = |(row, root): (&f64, &f64)| match row.partial_cmp(&0.0) {
+            Some(Ordering::Greater) => [*root, -*root],
+            Some(Ordering::Less) => [*root, *root],
+            _ => [0.0, 0.0],
+        };
+        let factors: Vec<[f64; 2]> = outside.iter().zip(&roots).map(factors).collect();
+        let length = rows.max(1);
+        let columns = self.values.as_slice().chunks_exact(length);
+        let columns = columns.zip(self.slack.as_slice().chunks_exact(length));
+        let own = room.as_mut_slice().chunks_exact_mut(length);
+        for (own, (values, slack)) in own.zip(columns) {
+            let pairs = values.iter().zip(slack).zip(&factors);
+            for (own, ((value, slack), [of_value, of_slack])) in own.iter_mut().zip(pairs) {
+                *own = of_value * value + of_slack * slack;
             }
         }
-        slopes
+        outside.component_mul(&roots)
     }
 
     /// Corrects the slopes by what the step between two points has shown: the least change, in
@@ -186,30 +204,8 @@ impl Linearized<'_> {
         moved: &Residuals,
         slopes: &mut DMatrix<f64>,
     ) -> (DVector<f64>, DMatrix<f64>) {
-        let roots: Vec<f64> = moved.outside().map(|row| weight(row).sqrt()).collect();
-        let rows = moved.outside().zip(&roots).map(|(row, root)| row * root);
-        let rows = DVector::from_iterator(roots.len(), rows);
-        // What is inside a dead zone has no slope; what is above one falls as that grows.
-        let signs: Vec<[f64; 2]> = rows
-            .iter()
-            .zip(&roots)
-            .map(|(row, root)| match row.partial_cmp(&0.0) {
-                Some(Ordering::Greater) => [*root, -*root],
-                Some(Ordering::Less) => [*root, *root],
-                _ => [0.0, 0.0],
-            })
-            .collect();
+        let rows = self.slopes.weigh(moved, slopes);
         let size = step.len();
-        let length = roots.len().max(1);
-        let columns = self.slopes.values.as_slice().chunks_exact(length);
-        let columns = columns.zip(self.slopes.slack.as_slice().chunks_exact(length));
-        let own = slopes.as_mut_slice().chunks_exact_mut(length);
-        for (own, (values, slack)) in own.zip(columns) {
-            let pairs = values.iter().zip(slack).zip(&signs);
-            for (own, ((value, slack), [of_value, of_slack])) in own.iter_mut().zip(pairs) {
-                *own = of_value * value + of_slack * slack;
-            }
-        }
         let mut gradient = slopes.tr_mul(&rows);
         let mut curvature = DMatrix::zeros(size, size);
         for (place, (residual, slope)) in self.priors.iter().enumerate() {

@@ -30,9 +30,8 @@ pub(super) const KIND: EffectKind = EffectKind {
                      comes to lie on the braid bit by bit. Leaves out a threshold that changes \
                      with contraction.",
             build: |values| {
-                dead_band(values[0], |pressure_pa, dead_pa| match dead_pa {
-                    0.0 => 0.0,
-                    _ => -dead_pa * (-pressure_pa / dead_pa).exp_m1(),
+                dead_band(values[0], |pressure_pa, dead_pa| {
+                    -dead_pa * (-pressure_pa / dead_pa).exp_m1()
                 })
             },
         },
@@ -47,9 +46,8 @@ pub(super) const KIND: EffectKind = EffectKind {
                      Leaves out a threshold that changes with contraction.",
             build: |values| {
                 let sharpness = values[1];
-                dead_band(values[0], move |pressure_pa, dead_pa| match dead_pa {
-                    0.0 => 0.0,
-                    _ => spread_lost_pa(pressure_pa, dead_pa, sharpness),
+                dead_band(values[0], move |pressure_pa, dead_pa| {
+                    spread_lost_pa(pressure_pa, dead_pa, sharpness)
                 })
             },
         },
@@ -79,7 +77,7 @@ fn spread_lost_pa(pressure_pa: f64, dead_pa: f64, sharpness: f64) -> f64 {
 
 struct DeadBand<F> {
     pressure_pa: f64,
-    /// Lost pressure of a pressure ≥ 0 and the threshold \[Pa\].
+    /// Lost pressure of a pressure ≥ 0 and a threshold > 0 \[Pa\].
     lost_pa: F,
 }
 
@@ -87,6 +85,9 @@ impl<F: Send + Sync> Dynamics<MusclePoint> for DeadBand<F> {}
 
 impl<F: Fn(f64, f64) -> f64 + Send + Sync> MuscleTerm for DeadBand<F> {
     fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, _: &[f64], force_n: f64) -> f64 {
+        if self.pressure_pa == 0.0 {
+            return force_n;
+        }
         let lost_pa = (self.lost_pa)(at.pressure.0.max(0.0), self.pressure_pa);
         force_n - law.force_per_pressure_m2(at.contraction) * lost_pa
     }

@@ -78,6 +78,11 @@ impl Simulated {
         pressure: false,
         motion: true,
     };
+    /// Muscle and instruments; pressure and contraction are inputs.
+    pub const FORCE_ONLY: Simulated = Simulated {
+        pressure: false,
+        motion: false,
+    };
 }
 
 /// A quantity that changes linearly.

@@ -31,7 +31,7 @@ pub(super) fn begun_best(
     }
     // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
     let ends = forces.ends()?;
-    let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)));
+    let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)?));
     let (out, drawn_in) = (out?, drawn_in?);
     let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()

@@ -7,16 +7,11 @@ use crate::rig::{Load, Rig};
 use crate::simulate::Inputs;
 use std::borrow::Cow;
 
-/// Muscle and instruments, on measured pressure and contraction.
-pub(super) const FORCE_ALONE: Simulated = Simulated {
-    pressure: false,
-    motion: false,
-};
 /// States that differ by less are the same.
 const SAME: f64 = 1e-8;
 
 /// Which force.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy)]
 pub(super) enum Force {
     /// That which the sensor reads.
     Read,
@@ -45,15 +40,15 @@ pub(super) struct Forces<'a>(Vec<Driven<'a>>);
 pub(super) struct ForceEnds(Vec<Ends>);
 
 /// The least and the most of forces, row by row \[N\].
-fn spanned(mut all: impl Iterator<Item = Vec<f64>>) -> Vec<(f64, f64)> {
-    let first = all.next().unwrap_or_default();
-    let mut spans: Vec<(f64, f64)> = first.into_iter().map(|n| (n, n)).collect();
+fn spanned(mut all: impl Iterator<Item = Option<Vec<f64>>>) -> Option<Vec<(f64, f64)>> {
+    let first = all.next()??.into_iter();
+    let mut spans: Vec<(f64, f64)> = first.map(|n| (n, n)).collect();
     for forces_n in all {
-        for (span, n) in spans.iter_mut().zip(forces_n) {
+        for (span, n) in spans.iter_mut().zip(forces_n?) {
             *span = (span.0.min(n), span.1.max(n));
         }
     }
-    spans
+    Some(spans)
 }
 
 impl<'a> Forces<'a> {
@@ -65,8 +60,7 @@ impl<'a> Forces<'a> {
 
     /// Settled at the begin.
     pub(super) fn settled_n(&self) -> Option<Vec<(f64, f64)>> {
-        let all = self.0.iter().map(Driven::settled_n);
-        Some(spanned(all.collect::<Option<Vec<_>>>()?.into_iter()))
+        spanned(self.0.iter().map(Driven::settled_n))
     }
 
     /// With the memory at either end at the begin.
@@ -78,12 +72,9 @@ impl<'a> Forces<'a> {
     /// With the memory at this share between `ends` at the begin.
     pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<(f64, f64)>> {
         let pairs = self.0.iter().zip(&ends.0);
-        let all = pairs.map(|(driven, ends)| driven.between_n(ends, share));
-        Some(spanned(all.collect::<Option<Vec<_>>>()?.into_iter()))
+        spanned(pairs.map(|(driven, ends)| driven.between_n(ends, share)))
     }
-}
 
-impl Forces<'_> {
     /// Whether the muscle has a memory of the motion.
     pub(super) fn remembers(&self) -> bool {
         let mut driven = self.0.iter();
@@ -99,8 +90,8 @@ impl Forces<'_> {
 
 impl ForceEnds {
     /// From −1 (0) or from 1 (1).
-    pub(super) fn forces_n(&self, end: usize) -> Vec<(f64, f64)> {
-        spanned(self.0.iter().map(|ends| ends.forces_n[end].clone()))
+    pub(super) fn forces_n(&self, end: usize) -> Option<Vec<(f64, f64)>> {
+        spanned(self.0.iter().map(|ends| Some(ends.forces_n[end].clone())))
     }
 }
 
@@ -109,8 +100,8 @@ impl<'a> Driven<'a> {
         let mut rig = rig.clone();
         rig.load = Load::Prescribed;
         let inputs = Inputs::new(&rig, record).ok()?;
-        let plant = Plant::new(&rig, FORCE_ALONE).ok()?;
-        (inputs.simulated == FORCE_ALONE).then_some(Driven {
+        let plant = Plant::new(&rig, Simulated::FORCE_ONLY).ok()?;
+        (inputs.simulated == Simulated::FORCE_ONLY).then_some(Driven {
             plant,
             inputs,
             force,
@@ -150,6 +141,9 @@ impl<'a> Driven<'a> {
                     all.push(Vec::with_capacity(inputs.time_s.len()));
                 }
                 all[number].push(size_n * (-since_s / time_constant_s).exp());
+            }
+            if all.is_empty() {
+                break;
             }
         }
         Some(all)

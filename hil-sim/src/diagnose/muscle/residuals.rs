@@ -2,7 +2,7 @@
 
 use super::TOLERANCE;
 use super::along::Along;
-use super::force::{FORCE_ALONE, Forces};
+use super::force::Forces;
 use super::play::play;
 use super::prepared::{Place, Prepared};
 use crate::diagnose::least_squares::Residuals;
@@ -10,7 +10,7 @@ use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
 use crate::plant::sensors::Reading;
 use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::term::Terms;
-use crate::plant::{Plant, Term};
+use crate::plant::{Plant, Simulated, Term};
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use crate::rig::{Load, Rig, Weight};
 use crate::simulate::Inputs;
@@ -149,7 +149,7 @@ fn load_block(rig: &Rig, weight: Weight) -> (LoadBlock, usize) {
 
 /// The measured force as it works on the weight, row by row \[N\].
 pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>> {
-    let sensors = Plant::new(rig, FORCE_ALONE).ok()?.sensors;
+    let sensors = Plant::new(rig, Simulated::FORCE_ONLY).ok()?.sensors;
     let measured_n = record.measured.column(FORCE_N)?.iter();
     let truth = |(force_n, time_s): (&f64, &f64)| {
         let reading = Reading {
