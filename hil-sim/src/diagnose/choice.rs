@@ -7,6 +7,7 @@
 
 use super::engine::{Active, Engine, Exchange, Fit, Hypothesis, Model, Part, Tally};
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Names that lead over all, and over each block alone.
 const LEADERS: [usize; 2] = [2, 2];
@@ -135,6 +136,8 @@ struct Search<'a, 'b, M> {
     watch: Watch<'b>,
     /// All that was tried.
     tried: Vec<Hypothesis>,
+    /// What else promises beside sets, from what they last were asked for.
+    promised: HashMap<Vec<usize>, Vec<f64>>,
 }
 
 impl<M: Model> Search<'_, '_, M> {
@@ -187,6 +190,7 @@ impl<M: Model> Search<'_, '_, M> {
             .iter()
             .filter(of_size)
             .take(POLISHED)
+            .filter(|h| !h.polished)
             .cloned()
             .collect();
         let polished: Vec<Hypothesis> = leading
@@ -202,7 +206,7 @@ impl<M: Model> Search<'_, '_, M> {
             let same = |h: &&mut Hypothesis| h.candidates == new.candidates;
             match self.tried.iter_mut().find(same) {
                 Some(known) if new.fit.score() < known.fit.score() => *known = new,
-                Some(_) => (),
+                Some(known) => known.polished |= new.polished,
                 None => self.tried.push(new),
             }
         }
@@ -256,12 +260,32 @@ impl<M: Model> Search<'_, '_, M> {
         leaders
     }
 
+    /// What each candidate promises beside `known`, whose fit stays what it is.
+    fn promises(&mut self, known: &Hypothesis) -> Option<Vec<f64>> {
+        if let Some(promises) = self.promised.get(&known.candidates) {
+            return Some(promises.clone());
+        }
+        let promises = self.engine.promises(known)?;
+        let candidates = known.candidates.clone();
+        self.promised.insert(candidates, promises.clone());
+        Some(promises)
+    }
+
+    /// Whether no candidate promises more than noise gives.
+    fn few(&self, promises: &[f64]) -> bool {
+        let mut promises = promises.iter().enumerate();
+        promises.all(|(candidate, promise)| {
+            promise - GAIN_PARAMETER * (self.parameters(&[candidate]) as f64) < GAIN
+        })
+    }
+
     /// Leaders joined with what promises most beside them.
-    fn joined(&self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    fn joined(&mut self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
         let mut sets = Vec::new();
         for leader in leaders {
             let known = self.tried.iter().find(|h| h.candidates == *leader);
-            let Some(promises) = known.and_then(|h| self.engine.promises(h)) else {
+            let known = known.cloned();
+            let Some(promises) = known.and_then(|known| self.promises(&known)) else {
                 continue;
             };
             let mut order: Vec<usize> = (0..promises.len()).collect();
@@ -570,14 +594,10 @@ impl<M: Model> Search<'_, '_, M> {
                 let enough = if found > 1 {
                     left < GAIN.max(SHARE_LEFT * excess(&null.fit))
                 } else {
-                    let few = |promises: Vec<f64>| {
-                        let mut promises = promises.iter().enumerate();
-                        promises.all(|(candidate, promise)| {
-                            let own = GAIN_PARAMETER * self.parameters(&[candidate]) as f64;
-                            promise - own < GAIN
-                        })
-                    };
-                    left < GAIN && self.engine.promises(&taken).is_some_and(few)
+                    left < GAIN
+                        && self
+                            .promises(&taken)
+                            .is_some_and(|promises| self.few(&promises))
                 };
                 if enough {
                     break;
@@ -603,6 +623,7 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         engine,
         watch,
         tried: vec![null.clone()],
+        promised: HashMap::new(),
     };
     search.run(&null)?;
     let best = search.taken().unwrap_or_else(|| null.clone());

@@ -234,6 +234,8 @@ const STEP: f64 = 1e-3;
 const START_FACTOR: f64 = 4.0;
 /// Starts of an effect that are followed.
 const STARTS: usize = 2;
+/// Share of the largest promise from a first start up to which others are not looked at.
+const SHARE_OF_FIRST: f64 = 0.1;
 /// For a place to begin.
 const ROUGH: Goal = Goal {
     relative: 1e-2,
@@ -384,9 +386,12 @@ impl<'a, M: Model> Problem<'a, M> {
 
 impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
     fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
+        let pieces: Vec<_> = self.pieces().collect();
+        let pieces = pieces.into_par_iter().map(|piece| self.piece(x, piece));
+        let pieces: Vec<Residuals> = pieces.collect::<Option<_>>()?;
         let mut all = Residuals::default();
-        for piece in self.pieces() {
-            all.extend(self.piece(x, piece)?);
+        for piece in pieces {
+            all.extend(piece);
         }
         Some(all)
     }
@@ -397,7 +402,7 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
             values: DMatrix::zeros(rows, x.len()),
             slack: DMatrix::zeros(rows, x.len()),
         };
-        for place in 0..x.len() {
+        let slope = |place: usize| {
             let moves = |block| self.moves(place, block);
             let by = |step: f64| {
                 let mut moved = x.clone();
@@ -408,7 +413,11 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
             };
             // Beside a place without a solution the other way may have one.
             let step = self.step(x, place);
-            let (step, change) = by(step).or_else(|| by(-step))?;
+            by(step).or_else(|| by(-step))
+        };
+        let columns = (0..x.len()).into_par_iter().map(slope);
+        let columns: Vec<(f64, Slopes)> = columns.collect::<Option<_>>()?;
+        for (place, (step, change)) in columns.into_iter().enumerate() {
             slopes
                 .values
                 .set_column(place, &(change.values.column(0) / step));
@@ -508,6 +517,8 @@ pub struct Hypothesis {
     pub candidates: Vec<usize>,
     /// The fit.
     pub fit: Fit,
+    /// Its minimum was sought to the last digit that matters.
+    pub polished: bool,
 }
 
 /// A candidate of a hypothesis, and another form of the same effect for its place.
@@ -699,7 +710,11 @@ impl<'a, M: Model> Engine<'a, M> {
         for record in 0..self.model.records() {
             fit.free_run += self.model.free_run(record, &fit.nominal, &fit.effects)?;
         }
-        Some(Hypothesis { candidates, fit })
+        Some(Hypothesis {
+            candidates,
+            fit,
+            polished: false,
+        })
     }
 
     /// `hypothesis` with its minimum found to the last digit that matters.
@@ -708,7 +723,11 @@ impl<'a, M: Model> Engine<'a, M> {
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
             joint.join(self.refitted(hypothesis, &blocks, &touching, TIGHT)?);
         }
-        self.finished(hypothesis.candidates.clone(), joint)
+        let polished = self.finished(hypothesis.candidates.clone(), joint)?;
+        Some(Hypothesis {
+            polished: true,
+            ..polished
+        })
     }
 
     /// Hypotheses with one candidate exchanged for another form of the same effect, and fitted from
@@ -845,7 +864,8 @@ impl<'a, M: Model> Engine<'a, M> {
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
     /// moved with it; the best of its starts. The predicted records count, as an effect may not be
-    /// moved in the others. Costs one evaluation a start.
+    /// moved in the others. Costs one evaluation a start; beside others, what promises little from
+    /// its first start is left at that.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);
         // What a candidate touches stands or falls together.
@@ -875,24 +895,38 @@ impl<'a, M: Model> Engine<'a, M> {
             priors.push((0.0, 0.0));
             bases.insert(touched, (found.residuals, slopes, priors, least));
         }
-        let promise = |(place, candidate): (usize, &Candidate)| {
+        let promise = |place: usize, start: &[f64]| {
+            let candidate = &all[place];
             let touched = touched(candidate);
             let (residuals, slopes, priors, least) = &bases[&touched];
-            let promised = starts(&candidate.parameters)
-                .into_iter()
-                .filter_map(|start| {
-                    let values = candidate.parameters.iter().zip(start);
-                    let mut with = base.fit.effects.clone();
-                    with.push((place, values.map(|(p, x)| p.value(x)).collect()));
-                    let with = (&base.fit.nominal[..], &with[..]);
-                    let moves = |block| candidate.blocks.contains(&block);
-                    let pieces = (self.model.records(), &touched.0[..]);
-                    let change = change(self.model, pieces, &moves, with, residuals)?;
-                    Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
-                });
-            promised.fold(0.0, f64::max)
+            let values = candidate.parameters.iter().zip(start);
+            let mut with = base.fit.effects.clone();
+            with.push((place, values.map(|(p, x)| p.value(*x)).collect()));
+            let with = (&base.fit.nominal[..], &with[..]);
+            let moves = |block| candidate.blocks.contains(&block);
+            let pieces = (self.model.records(), &touched.0[..]);
+            let change = change(self.model, pieces, &moves, with, residuals);
+            change.map_or(0.0, |change| {
+                least - linearized_least(residuals, &slopes.beside(&change), priors)
+            })
         };
-        Some(all.par_iter().enumerate().map(promise).collect())
+        let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
+        let first: Vec<f64> = starts
+            .par_iter()
+            .enumerate()
+            .map(|(place, starts)| starts.first().map_or(0.0, |start| promise(place, start)))
+            .collect();
+        let most = first.iter().copied().fold(0.0, f64::max);
+        let best = |(place, (starts, first)): (usize, (&Vec<Vec<f64>>, &f64))| {
+            if *first < SHARE_OF_FIRST * most && !base.candidates.is_empty() {
+                return first.max(0.0);
+            }
+            let others = starts.par_iter().skip(1);
+            let others = others.map(|start| promise(place, start));
+            others.reduce(|| 0.0, f64::max).max(*first)
+        };
+        let pairs = starts.par_iter().zip(&first);
+        Some(pairs.enumerate().map(best).collect())
     }
 
     /// Where the fit of `hypothesis` is, in the coordinates of a problem.
