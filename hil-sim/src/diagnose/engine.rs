@@ -241,18 +241,21 @@ const ROUGH: Goal = Goal {
     relative: 1e-2,
     absolute: 2.0,
     evaluations: 12,
+    certain: false,
 };
 /// For a comparison.
 const LOOSE: Goal = Goal {
     relative: 1e-3,
     absolute: 0.5,
     evaluations: 40,
+    certain: true,
 };
 /// For a result.
 const TIGHT: Goal = Goal {
     relative: 1e-6,
     absolute: 0.01,
     evaluations: 80,
+    certain: true,
 };
 /// Share of its noise by which every residual may be off the same way, as inputs are known at
 /// samples only: of a pressure with 250 Pa of noise, 8 Pa were seen.
@@ -609,26 +612,27 @@ impl<'a, M: Model> Engine<'a, M> {
             let found = minimize(&mut problem, DVector::zeros(free.len()), TIGHT)?;
             return problem.fit(&found);
         }
-        // With nominal values as given, else they take up what is the effects'; and from where the
-        // others alone have put them.
-        problem.held = true;
-        let nothing = vec![0.0; free.len()];
-        let starts = self.begin(&mut problem, &nothing, candidates, None)?;
-        let held = starts.into_iter();
-        let held = held.filter_map(|x| minimize(&mut problem, x, ROUGH));
-        let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
-        let held = held.min_by(least);
-        problem.held = false;
         let mut begun = Vec::new();
-        begun.extend(held.and_then(|held| minimize(&mut problem, held.x, ROUGH)));
+        let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
+        if let [own] = candidates {
+            // With nominal values as given, else they take up what is the effect's.
+            problem.held = true;
+            let nothing = Fit::nothing(self.model.nominal_blocks().len());
+            let starts = self.begin(&mut problem, (*own, &nothing))?;
+            let held = starts.into_iter();
+            let held = held.filter_map(|x| minimize(&mut problem, x, ROUGH));
+            let held = held.min_by(least);
+            problem.held = false;
+            begun.extend(held.and_then(|held| minimize(&mut problem, held.x, ROUGH)));
+        }
+        // From where the others alone have put them.
         for own in candidates {
             let mut others = candidates.to_vec();
             others.retain(|other| other != own);
             let Some(without) = self.joined(&others) else {
                 continue;
             };
-            let nominal: Vec<f64> = free.iter().map(|n| without.nominal[*n]).collect();
-            let starts = self.begin(&mut problem, &nominal, candidates, Some((*own, &without)))?;
+            let starts = self.begin(&mut problem, (*own, &without))?;
             for x in starts.into_iter().take(1) {
                 begun.extend(minimize(&mut problem, x, ROUGH));
             }
@@ -638,32 +642,23 @@ impl<'a, M: Model> Engine<'a, M> {
         problem.fit(&found)
     }
 
-    /// Where a fit begins, best first: nominal values at `nominal`; a candidate alone, or that
-    /// which is not in `without`, wherever it may start; others where they have ended.
+    /// Where a fit begins, best first: the nominal values and the other candidates of `problem` where
+    /// they are in `without`, its candidate `own`, which is not there, wherever it may start.
     fn begin(
         &self,
         problem: &mut Problem<M>,
-        nominal: &[f64],
-        candidates: &[usize],
-        without: Option<(usize, &Fit)>,
+        (own, without): (usize, &Fit),
     ) -> Option<Vec<DVector<f64>>> {
         let all = self.model.candidates();
-        let mut begun = vec![nominal.to_vec()];
-        for candidate in candidates {
-            let parameters = &all[*candidate].parameters;
-            let new = match without {
-                Some((own, _)) => own == *candidate,
-                None => candidates.len() == 1,
-            };
-            let places = if new {
-                starts(parameters)
+        let nominal = problem.free.iter().map(|n| without.nominal[*n]);
+        let mut begun = vec![nominal.collect::<Vec<f64>>()];
+        for candidate in problem.candidates {
+            let places = if *candidate == own {
+                starts(&all[own].parameters)
             } else {
-                let fit = match without {
-                    Some((_, fit)) => fit.clone(),
-                    None => self.joined(&[*candidate])?,
-                };
-                let place = fit.effects.iter().position(|(own, _)| own == candidate)?;
-                vec![fit.coordinates[place].clone()]
+                let mut effects = without.effects.iter();
+                let place = effects.position(|(other, _)| other == candidate)?;
+                vec![without.coordinates[place].clone()]
             };
             let longer = begun.iter().flat_map(|start| {
                 places
@@ -673,7 +668,7 @@ impl<'a, M: Model> Engine<'a, M> {
             begun = longer.collect();
         }
         let begun = begun.into_iter().map(DVector::from_vec);
-        if begun.len() <= 1 {
+        if begun.len() == 1 {
             return Some(begun.collect());
         }
         let costs = begun.filter_map(|x| at(problem, x));

@@ -323,6 +323,8 @@ pub struct Goal {
     pub absolute: f64,
     /// Evaluations that it may take.
     pub evaluations: usize,
+    /// Ends only where slopes that were not corrected say so.
+    pub certain: bool,
 }
 
 /// What is minimized.
@@ -390,7 +392,7 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
         let step = problem.bounded(&found.x + linearized.minimum()) - &found.x;
         let promised = found.cost - linearized.cost(&step);
         if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
-            if fresh {
+            if fresh || !goal.certain {
                 return Some(found);
             }
             continue;
@@ -421,7 +423,7 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
                     kept = Some((served + 1, slopes));
                 }
                 found = next;
-                if small && fresh {
+                if small && (fresh || !goal.certain) {
                     break;
                 }
             }
@@ -488,6 +490,7 @@ mod tests {
         relative: 1e-9,
         absolute: 1e-6,
         evaluations: 20,
+        certain: true,
     };
 
     #[test]
