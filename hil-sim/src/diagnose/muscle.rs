@@ -188,7 +188,11 @@ impl MuscleModel {
     }
 
     /// The rig with its nominal values moved by `nominal` standard deviations, and effects added.
-    pub fn fitted(&self, nominal: &[f64], effects: &[Active]) -> Rig {
+    pub fn fitted<'a>(
+        &self,
+        nominal: &[f64],
+        effects: impl IntoIterator<Item = &'a Active>,
+    ) -> Rig {
         let mut rig = self.rig.clone();
         for (tolerance, deviation) in self.rig.tolerances.iter().zip(nominal) {
             if let Some(value) = rig.value_mut(&tolerance.section, &tolerance.key) {
@@ -394,7 +398,10 @@ impl Model for MuscleModel {
         effects: &[Active],
     ) -> Option<Residuals> {
         let record = &self.records[record];
-        let mut rig = self.fitted(nominal, effects);
+        // What does not change the block need not be followed.
+        let own = effects.iter();
+        let own = own.filter(|(candidate, _)| self.candidates[*candidate].blocks.contains(&block));
+        let mut rig = self.fitted(nominal, own);
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
             FORCE => {

@@ -125,7 +125,8 @@ impl ValveTerm for Orifices {
         }
         let limit_kg_per_s = self.limit_kg_per_s(at, flow_kg_per_s);
         if self.rounded {
-            flow_kg_per_s * limit_kg_per_s / flow_kg_per_s.hypot(limit_kg_per_s)
+            let ratio = limit_kg_per_s / flow_kg_per_s;
+            limit_kg_per_s.copysign(flow_kg_per_s) / (1.0 + ratio * ratio).sqrt()
         } else {
             flow_kg_per_s
                 .abs()

@@ -67,7 +67,9 @@ impl DeadZone {
         if self.rounding_pa == 0.0 {
             return error_pa.max(0.0);
         }
-        0.5 * (error_pa + error_pa.hypot(self.rounding_pa))
+        // Not `hypot`, which guards against pressures that none has, and takes its time.
+        let root_pa = (error_pa * error_pa + self.rounding_pa * self.rounding_pa).sqrt();
+        0.5 * (error_pa + root_pa)
     }
 }
 
