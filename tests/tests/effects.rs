@@ -1111,7 +1111,7 @@ fn sensors_read_and_inputs_are_read_back() {
     let true_n = simulated(&rig("", &[CLAMPED]), &truth, FORCE_N);
     let same = |value: f64, _: f64| value;
     type Read = fn(f64, f64) -> f64;
-    let cases: [(String, Read, Read); 4] = [
+    let cases: [(String, Read, Read); 5] = [
         (
             effect(
                 "pressure-sensor-gain",
@@ -1128,6 +1128,15 @@ fn sensors_read_and_inputs_are_read_back() {
                 &[("drift_pa_per_s", 200.0)],
             ),
             |pressure_pa, time_s| pressure_pa + 200.0 * time_s,
+            same,
+        ),
+        (
+            effect(
+                "pressure-sensor-drift",
+                "quadratic",
+                &[("drift_pa_per_s", 200.0), ("growth_pa_per_s2", -30.0)],
+            ),
+            |pressure_pa, time_s| pressure_pa + 200.0 * time_s - 15.0 * time_s * time_s,
             same,
         ),
         (

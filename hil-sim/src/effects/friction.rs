@@ -51,7 +51,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[
                 FORCE_N,
                 Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3),
-                Parameter::new("deflection_m", "m", (2e-5, 1e-2), 2e-4).log(),
+                Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4).log(),
             ],
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
                      1998), with a Stribeck speed of 10 mm/s. Leaves out the bristles' damping, \

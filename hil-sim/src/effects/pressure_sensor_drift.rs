@@ -19,7 +19,18 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[DRIFT_PA_PER_S],
             source: "An offset in proportion to the record's time, none at time 0. Leaves out a \
                      drift that comes to rest.",
-            build: |values| drift(values[0], f64::INFINITY),
+            build: |values| drift(values[0], 0.0, f64::INFINITY),
+        },
+        Form {
+            name: "quadratic",
+            parameters: &[
+                DRIFT_PA_PER_S,
+                Parameter::new("growth_pa_per_s2", "Pa/s²", (-1e3, 1e3), 5.0).neutral(0.0),
+            ],
+            source: "An offset, none at the record's time 0, whose rate there is given and grows \
+                     steadily: the next term of a slow drift. Leaves out a drift that comes to \
+                     rest.",
+            build: |values| drift(values[0], values[1], f64::INFINITY),
         },
         Form {
             name: "warm-up",
@@ -29,14 +40,15 @@ pub(super) const KIND: EffectKind = EffectKind {
             ],
             source: "An offset that approaches its size exponentially from none at the record's \
                      time 0. Leaves out a temperature that follows the use.",
-            build: |values| drift(values[0] / values[1], values[1]),
+            build: |values| drift(values[0] / values[1], 0.0, values[1]),
         },
     ],
 };
 
-fn drift(drift_pa_per_s: f64, time_constant_s: f64) -> Term {
+fn drift(drift_pa_per_s: f64, growth_pa_per_s2: f64, time_constant_s: f64) -> Term {
     Term::Sensor(Box::new(Drift {
         drift_pa_per_s,
+        growth_pa_per_s2,
         time_constant_s,
     }))
 }
@@ -44,6 +56,7 @@ fn drift(drift_pa_per_s: f64, time_constant_s: f64) -> Term {
 struct Drift {
     /// At time 0.
     drift_pa_per_s: f64,
+    growth_pa_per_s2: f64,
     /// Infinite where it does not come to rest.
     time_constant_s: f64,
 }
@@ -59,6 +72,7 @@ impl SensorTerm for Drift {
         } else {
             at.time_s
         };
-        reading.pressure.0 += self.drift_pa_per_s * passed_s;
+        let rate_pa_per_s = self.drift_pa_per_s + 0.5 * self.growth_pa_per_s2 * passed_s;
+        reading.pressure.0 += rate_pa_per_s * passed_s;
     }
 }

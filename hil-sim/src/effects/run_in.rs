@@ -7,7 +7,8 @@ use crate::plant::term::Dynamics;
 use model_core::muscle::Muscle;
 
 const SHARE: Parameter = Parameter::new("share", "1", (-0.5, 0.5), 0.05).neutral(0.0);
-const DISTANCE: Parameter = Parameter::new("distance", "1", (1e-2, 1e3), 0.5).log();
+/// What takes longer than some thirty cycles is, of the first few, a gain of the force.
+const DISTANCE: Parameter = Parameter::new("distance", "1", (1e-2, 20.0), 0.5).log();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "run-in",
