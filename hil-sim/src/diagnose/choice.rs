@@ -358,6 +358,24 @@ impl<M: Model> Search<'_, '_, M> {
         self.polish(members);
     }
 
+    /// Tries what promises most in the place of each member of the set that would be taken.
+    fn exchange(&mut self, members: usize) {
+        let taken = self.taken();
+        let Some(best) = taken.filter(|best| best.candidates.len() == members) else {
+            return;
+        };
+        let without = (0..members).map(|place| {
+            let mut others = best.candidates.clone();
+            others.remove(place);
+            others
+        });
+        let without: Vec<Vec<usize>> = without.collect();
+        let mut sets = self.joined(&without);
+        sets.retain(|set| self.tried.iter().all(|h| h.candidates != *set));
+        (self.watch)(Step::Stage("others in their place", sets.len()));
+        self.try_all(&sets);
+    }
+
     /// What is left of the leading sets without one of their members.
     fn subsets(&self, members: usize) -> Vec<Vec<usize>> {
         let mut subsets = Vec::new();
@@ -518,14 +536,17 @@ impl<M: Model> Search<'_, '_, M> {
             .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }
 
+    /// What was tried with as many members and cannot be told from `best`.
+    fn near(&self, best: &Hypothesis) -> impl Iterator<Item = &Hypothesis> {
+        let most = self.score(best) + MARGIN.max(0.05 * excess(&best.fit));
+        let members = best.candidates.len();
+        let tried = self.tried.iter();
+        tried.filter(move |h| h.candidates.len() == members && self.score(h) < most)
+    }
+
     /// Other effects that would do as well as a member of `best`.
     fn alternatives(&self, best: &Hypothesis) -> Vec<Vec<&'static str>> {
-        let own = self.score(best);
-        let left = MARGIN.max(0.05 * excess(&best.fit));
-        let near = self
-            .tried
-            .iter()
-            .filter(|h| h.candidates.len() == best.candidates.len() && self.score(h) < own + left);
+        let near = self.near(best);
         let near: Vec<Vec<&'static str>> = near
             .map(|h| h.candidates.iter().map(|c| self.name(*c)).collect())
             .collect();
@@ -552,7 +573,24 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// The best set whose members are all needed.
     fn taken(&self) -> Option<Hypothesis> {
-        self.tried.iter().find(|h| self.needed(h)).cloned()
+        let best = self.tried.iter().find(|h| self.needed(h))?;
+        Some(self.simpler(best).unwrap_or(best).clone())
+    }
+
+    /// Of what cannot be told from `best`, with one member of another name, that with the fewest
+    /// parameters, if it has fewer: what is more free looks like much.
+    fn simpler(&self, best: &Hypothesis) -> Option<&Hypothesis> {
+        let others = |a: &Hypothesis, b: &Hypothesis| -> Vec<&str> {
+            let own = a.candidates.iter().map(|c| self.name(*c));
+            let names: Vec<&str> = b.candidates.iter().map(|c| self.name(*c)).collect();
+            own.filter(|name| !names.contains(name)).collect()
+        };
+        let near = self.near(best).filter(|h| {
+            others(h, best).len() == 1
+                && self.parameters(&h.candidates) < self.parameters(&best.candidates)
+                && self.needed(h)
+        });
+        near.min_by_key(|h| self.parameters(&h.candidates))
     }
 
     /// Tries effects alone, then what leads among them together.
@@ -581,6 +619,9 @@ impl<M: Model> Search<'_, '_, M> {
                 self.try_all(&self.subsets(members));
             }
             self.reform(members);
+            if members > 1 {
+                self.exchange(members);
+            }
             let taken = self.taken();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.

@@ -345,16 +345,22 @@ impl Model for MuscleModel {
             return Some(0.0);
         }
         let record = &self.records[record];
-        let simulated = simulate(&rig, &record.measured, TOLERANCE).ok()?;
+        let scale = MOTION_NOISES * record.noise.contraction;
+        let cost = |mean_square: f64| {
+            let cost = 0.5 * MOTION_STOPS * (1.0 + mean_square / (scale * scale)).ln();
+            cost.is_finite().then_some(cost)
+        };
+        let Ok(simulated) = simulate(&rig, &record.measured, TOLERANCE) else {
+            // A motion that cannot be followed is missed by all of it.
+            return cost(1.0);
+        };
         let (is, was) = (
             simulated.column(CONTRACTION)?,
             record.measured.column(CONTRACTION)?,
         );
         let pairs = is.iter().zip(was).filter(|(_, was)| !was.is_nan());
-        let mean = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>() / pairs.count() as f64;
-        let scale = MOTION_NOISES * record.noise.contraction;
-        let cost = 0.5 * MOTION_STOPS * (1.0 + mean / (scale * scale)).ln();
-        cost.is_finite().then_some(cost)
+        let sum = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        cost(sum / pairs.count() as f64)
     }
 
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
