@@ -13,6 +13,7 @@ mod kernel;
 mod play;
 mod prepared;
 mod residuals;
+mod smoothed;
 mod thinned;
 
 use super::Calibrated;

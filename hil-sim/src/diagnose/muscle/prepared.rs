@@ -2,6 +2,7 @@
 
 use super::kernel::{KERNEL_REACH, Kernel, norm};
 use super::play::{CONTACT_ROWS, bridged, contacts};
+use super::smoothed::smoothed;
 use super::thinned::{CHANGE_NOISES, thinned};
 use crate::check::{Check, Finding, Signal, check};
 use crate::error::BadInput;
@@ -104,7 +105,7 @@ impl Span {
 
 /// A record made ready.
 pub(super) struct Prepared {
-    /// With the reference, for the gas; without, for force and load.
+    /// With the reference and a smoothed contraction, for the gas; without, for force and load.
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
     pub(super) noise: Noise,
@@ -229,6 +230,10 @@ impl Prepared {
             warnings,
         };
         prepared.motion(record, contraction);
+        if let Some(gas) = &mut prepared.gas {
+            let smooth = smoothed(record.time_s(), contraction, noise.contraction);
+            gas.set(CONTRACTION, smooth);
+        }
         let time_s = record.time_s();
         let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
         let rows = |name: &str| -> Vec<usize> {
