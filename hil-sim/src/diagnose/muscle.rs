@@ -33,7 +33,8 @@ pub use prepared::Noise;
 use prepared::Prepared;
 use residuals::{balances, force_residuals, gas_residuals, measured_n};
 
-/// Tolerance of the simulations.
+/// Tolerance of free runs. Of the gas finer ones are asked for: what steps leave is rough, and
+/// slopes of what is rough look steep, so that intervals become too narrow.
 const TOLERANCE: f64 = 1e-4;
 /// A free motion is as good as it can be when it is within so many times the noise: where a weight
 /// sticks is decided by less.

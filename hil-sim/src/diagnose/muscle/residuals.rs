@@ -1,6 +1,5 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
-use super::TOLERANCE;
 use super::along::Along;
 use super::force::Forces;
 use super::play::play;
@@ -8,7 +7,7 @@ use super::prepared::{Place, Prepared};
 use crate::diagnose::least_squares::Residuals;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
 use crate::plant::sensors::Reading;
-use crate::plant::simulation::{Initial, Simulation};
+use crate::plant::simulation::{Initial, Simulation, TOLERANCE};
 use crate::plant::term::Terms;
 use crate::plant::{Plant, Simulated, Term};
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
