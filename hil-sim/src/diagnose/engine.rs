@@ -273,6 +273,8 @@ struct Problem<'a, M> {
     records: usize,
     /// The nominal values are held for now.
     held: bool,
+    /// Dead zones are not to be pushed out by noise at their edges.
+    edged: bool,
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -289,6 +291,7 @@ impl<'a, M: Model> Problem<'a, M> {
             candidates,
             records: model.fitted(),
             held: false,
+            edged: false,
         }
     }
 
@@ -394,7 +397,7 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         let pieces: Vec<Residuals> = pieces.collect::<Option<_>>()?;
         let mut all = Residuals::default();
         for piece in pieces {
-            all.extend(piece);
+            all.extend(if self.edged { piece.edged() } else { piece });
         }
         Some(all)
     }
@@ -411,7 +414,8 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
                 let mut moved = x.clone();
                 moved[place] += step;
                 let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
-                let change = change(self.model, (self.records, self.blocks), &moves, with, base)?;
+                let pieces = (self.records, self.blocks);
+                let change = change(self.model, pieces, &moves, with, (base, self.edged))?;
                 Some((step, change))
             };
             // Beside a place without a solution the other way may have one.
@@ -453,13 +457,13 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
 }
 
 /// How `blocks` over the first `records` change from `base` with other nominal values and effects,
-/// where they move a block at all.
+/// where they move a block at all; dead zones as in `base`, which may be `edged`.
 fn change<M: Model>(
     model: &M,
     (records, blocks): (usize, &[usize]),
     moves: &dyn Fn(usize) -> bool,
     (nominal, effects): (&[f64], &[Active]),
-    base: &Residuals,
+    (base, edged): (&Residuals, bool),
 ) -> Option<Slopes> {
     let mut values = DMatrix::zeros(base.values.len(), 1);
     let mut slack = values.clone();
@@ -474,6 +478,7 @@ fn change<M: Model>(
             if !moved.finite() {
                 return None;
             }
+            let moved = if edged { moved.edged() } else { moved };
             for (value, own) in moved.values.iter().zip(&moved.slack) {
                 values[row] = value - base.values[row];
                 slack[row] = own - base.slack[row];
@@ -792,8 +797,23 @@ impl<'a, M: Model> Engine<'a, M> {
         }
     }
 
-    /// Standard errors of the parameters of the candidates of `hypothesis`, as their 95 %
-    /// intervals.
+    /// `hypothesis` as it is estimated: noise at the edges of dead zones, which is the same for
+    /// all that are compared, does not push them out.
+    pub fn estimated(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
+        for (blocks, touching) in self.groups(&hypothesis.candidates) {
+            let free = self.free(&blocks);
+            let x = self.coordinates(hypothesis, &free, &touching);
+            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
+            problem.edged = true;
+            let found = minimize(&mut problem, DVector::from_vec(x), TIGHT)?;
+            joint.join(problem.fit(&found)?);
+        }
+        self.finished(hypothesis.candidates.clone(), joint)
+    }
+
+    /// Standard errors of the parameters of the candidates of `hypothesis`, which is estimated, as
+    /// their 95 % intervals.
     ///
     /// From the Jacobian and the scatter of its products with the residuals from one stretch of
     /// time to the next (White's estimator, clustered), which holds when residuals are not white
@@ -804,6 +824,7 @@ impl<'a, M: Model> Engine<'a, M> {
         let free = self.free(&blocks);
         let x = self.coordinates(hypothesis, &free, &hypothesis.candidates);
         let mut problem = Problem::new(self.model, &blocks, &free, &hypothesis.candidates);
+        problem.edged = true;
         let found = at(&mut problem, DVector::from_vec(x))?;
         let x = &found.x;
         let slopes = problem.slopes(x, &found.residuals)?;
@@ -900,7 +921,7 @@ impl<'a, M: Model> Engine<'a, M> {
             let with = (&base.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
             let pieces = (self.model.records(), &touched.0[..]);
-            let change = change(self.model, pieces, &moves, with, residuals);
+            let change = change(self.model, pieces, &moves, with, (residuals, false));
             change.map_or(0.0, |change| {
                 least - linearized_least(residuals, &slopes.beside(&change), priors)
             })

@@ -230,7 +230,9 @@ pub fn diagnose(
     let expected = "a rig whose plant can follow the records";
     let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
-    let taken = choice.taken();
+    let chosen = choice.taken();
+    let estimated = engine.estimated(chosen);
+    let taken = estimated.as_ref().unwrap_or(chosen);
     let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
     watch(Step::Stage("intervals and free runs", 0));
     let effects = named(&engine, &choice, taken);

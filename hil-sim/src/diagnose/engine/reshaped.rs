@@ -105,7 +105,7 @@ impl<M: Model> Engine<'_, M> {
             let with = [&others[..], own].concat();
             let with = (&hypothesis.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
-            change(self.model, pieces, &moves, with, &found.residuals)
+            change(self.model, pieces, &moves, with, (&found.residuals, false))
         };
         let mut shares = Vec::new();
         if let Some(whole) = with(&[]) {
