@@ -230,10 +230,6 @@ impl Prepared {
             warnings,
         };
         prepared.motion(record, contraction);
-        if let Some(gas) = &mut prepared.gas {
-            let smooth = smoothed(record.time_s(), contraction, noise.contraction);
-            gas.set(CONTRACTION, smooth);
-        }
         let time_s = record.time_s();
         let begin = time_s.partition_point(|t| *t < time_s[0] + SKIP_S);
         let rows = |name: &str| -> Vec<usize> {
@@ -288,7 +284,7 @@ impl Prepared {
         self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
     }
 
-    /// Rates, directions, the path, and on which side of a play the encoder is.
+    /// Rates, directions, the path, on which side of a play the encoder is, and what drives the gas.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
@@ -313,6 +309,10 @@ impl Prepared {
         // Between two contacts on one side the muscle may have been at the other.
         self.in_contact = contacts.iter().map(|way| *way != 0.0).collect();
         self.sides = bridged(record.time_s(), &contacts, record.column(PRESSURE_PA));
+        if let Some(gas) = &mut self.gas {
+            let smooth = smoothed(record.time_s(), contraction, self.noise.contraction);
+            gas.set(CONTRACTION, smooth);
+        }
     }
 
     /// Where the weight rests on its stop.
