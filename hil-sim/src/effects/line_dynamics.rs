@@ -6,13 +6,13 @@ use super::{
     lagged,
 };
 use crate::plant::Term;
-use crate::plant::gas::GAS_CONSTANT_J_PER_KG_K;
+use crate::plant::gas::{GAS_CONSTANT_J_PER_KG_K, GasBlock, GasPoint, HEAT_RATIO};
 use crate::plant::line::{LinePoint, LineTerm};
 use crate::plant::muscle::{MusclePoint, MuscleTerm};
 use crate::plant::term::Dynamics;
 use core::f64::consts::TAU;
 use model_core::muscle::Muscle;
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 
 const HOSE_VOLUME_M3: Parameter = Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 1e-5).log();
 const PERIOD_S: Parameter = Parameter::new("period_s", "s", (0.0, 1.0), 0.05).neutral(0.0);
@@ -36,8 +36,30 @@ pub(super) const KIND: EffectKind = EffectKind {
                      of turbulent flow, which grows with it, and lags that change with volume.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
-                    lag_s: values[0],
+                    passing: Passing::Lag(values[0]),
                     hose_volume_m3: values[1],
+                    stores: false,
+                }))
+            },
+        },
+        Form {
+            name: "conductance",
+            parameters: &[Parameter::new(
+                "conductance_kg_per_pa_s",
+                "kg/(Pa·s)",
+                (1e-10, WIDE_KG_PER_PA_S),
+                2e-7,
+            )
+            .log()
+            .neutral(WIDE_KG_PER_PA_S)],
+            source: "A linear resistance behind the port, the same at any pressure, and no volume \
+                     before it: the muscle lags more the larger it is. Leaves out turbulence and \
+                     that dense air passes more easily.",
+            build: |values| {
+                Term::Line(Box::new(Resistance {
+                    passing: Passing::Conductance(values[0]),
+                    hose_volume_m3: 0.0,
+                    stores: false,
                 }))
             },
         },
@@ -74,29 +96,58 @@ pub(super) const KIND: EffectKind = EffectKind {
 
 /// RT of the air in the hose \[J/kg\].
 const RT_J_PER_KG: f64 = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K;
+/// No resistance, to rounding \[kg/(s·Pa)\].
+const WIDE_KG_PER_PA_S: f64 = 1e-3;
+/// A port that fills faster than this has the pressure that valve and hose agree on \[s\]: neither
+/// a valve nor a pressure sensor is as fast.
+const PORT_INSTANT_S: f64 = 1e-3;
+/// By how much a pressure may fade in a step, of which one forgets 2e-5 of what it should not.
+const FADING_STEP: f64 = 0.25;
+/// Unit of the temperature in states \[K\].
+const STATE_K: f64 = 100.0;
 /// Unit of the flow in states \[kg/s\].
 const STATE_KG_PER_S: f64 = 1e-3;
 
-/// The state is the port's pressure.
+/// What passes through a resistance.
+enum Passing {
+    /// As much as lets the muscle's pressure lag the port's by this \[s\].
+    Lag(f64),
+    /// This much per pressure difference \[kg/(Pa·s)\].
+    Conductance(f64),
+}
+
+/// The state is the port's pressure, where the volume there is large enough to have one.
+///
+/// A volume V_h fills in V_h/RT over the conductances of valve and hose, 0.3 ms for that of a usual
+/// hose: then the port's pressure is where the hose passes what the valve gives, at once.
 struct Resistance {
-    lag_s: f64,
+    passing: Passing,
     hose_volume_m3: f64,
+    stores: bool,
 }
 
 impl Resistance {
+    /// From the port into the muscle \[kg/(Pa·s)\]; none where it is too wide to tell.
+    fn conductance_kg_per_pa_s(&self, volume_m3: f64) -> Option<f64> {
+        match self.passing {
+            Passing::Lag(lag_s) if lag_s < INSTANT_S => None,
+            Passing::Lag(lag_s) => Some(volume_m3 / (RT_J_PER_KG * lag_s)),
+            Passing::Conductance(conductance) => {
+                (conductance < WIDE_KG_PER_PA_S).then_some(conductance)
+            }
+        }
+    }
+
     /// Flow from the port into the muscle \[kg/s\].
     fn hose_flow_kg_per_s(&self, at: &LinePoint, port_pa: f64) -> f64 {
-        // The hose's own time is this lag by the ratio of the volumes.
-        let lag_s = self
-            .lag_s
-            .max(INSTANT_S * at.volume_m3 / self.hose_volume_m3);
-        (port_pa - at.muscle.0) * at.volume_m3 / (RT_J_PER_KG * lag_s)
+        let conductance = self.conductance_kg_per_pa_s(at.volume_m3).unwrap_or(0.0);
+        (port_pa - at.muscle.0) * conductance
     }
 }
 
 impl Dynamics<LinePoint> for Resistance {
     fn states(&self) -> usize {
-        usize::from(self.lag_s >= INSTANT_S)
+        usize::from(self.stores)
     }
 
     fn settle(&self, at: &LinePoint, state: &mut [f64]) {
@@ -111,6 +162,21 @@ impl Dynamics<LinePoint> for Resistance {
 }
 
 impl LineTerm for Resistance {
+    fn join(&mut self, flow_gain_kg_per_pa_s: f64, volume_m3: f64) {
+        let hose = self.conductance_kg_per_pa_s(volume_m3);
+        self.stores = hose.is_some_and(|hose| {
+            let fills_s = self.hose_volume_m3 / (RT_J_PER_KG * (flow_gain_kg_per_pa_s + hose));
+            fills_s >= PORT_INSTANT_S
+        });
+    }
+
+    fn conductance_kg_per_pa_s(&self, at: &LinePoint) -> Option<f64> {
+        if self.stores {
+            return None;
+        }
+        Resistance::conductance_kg_per_pa_s(self, at.volume_m3)
+    }
+
     fn port(&self, _: &LinePoint, state: &[f64], port: GaugePa<f64>) -> GaugePa<f64> {
         state.first().map_or(port, |port| GaugePa(port * STATE_PA))
     }
@@ -121,8 +187,21 @@ impl LineTerm for Resistance {
         })
     }
 
-    fn with_measured_pressure(&self) -> Option<Box<dyn MuscleTerm>> {
-        Some(Box::new(LaggingMuscle { lag_s: self.lag_s }))
+    fn with_measured_pressure(&self, air: Option<GasBlock>) -> Option<Box<dyn MuscleTerm>> {
+        match self.passing {
+            Passing::Lag(lag_s) => Some(Box::new(LaggingMuscle { lag_s })),
+            Passing::Conductance(conductance_kg_per_pa_s) => {
+                let air = air?;
+                let fills_s = air.volume.volume_m3(0.0) / (RT_J_PER_KG * conductance_kg_per_pa_s);
+                // Between samples the pressure is not known that well.
+                (fills_s >= PORT_INSTANT_S).then(|| {
+                    Box::new(FilledMuscle {
+                        conductance_kg_per_pa_s,
+                        air,
+                    }) as Box<dyn MuscleTerm>
+                })
+            }
+        }
     }
 }
 
@@ -157,6 +236,98 @@ impl MuscleTerm for LaggingMuscle {
         let missing_pa = state
             .first()
             .map_or(0.0, |own| at.pressure.0 - own * STATE_PA);
+        force_n - law.force_per_pressure_m2(at.contraction) * missing_pa
+    }
+}
+
+/// A muscle that is filled from the measured pressure through a conductance, Eqs 3 and 4. The
+/// states are its absolute pressure and its gas's temperature.
+struct FilledMuscle {
+    conductance_kg_per_pa_s: f64,
+    air: GasBlock,
+}
+
+impl FilledMuscle {
+    /// Rates of the states, and of the pressure's own fading \[1/s\].
+    fn states_rates(&self, at: &MusclePoint, state: &[f64]) -> ([f64; 2], f64) {
+        let gas = &self.air.gas;
+        let pressure = AbsolutePa(state[0] * STATE_PA);
+        let port = at.pressure.to_absolute(gas.atmospheric_pressure);
+        let flow_kg_per_s = self.conductance_kg_per_pa_s * (port.0 - pressure.0);
+        let inside = GasPoint {
+            time_s: at.time_s,
+            pressure,
+            atmospheric: gas.atmospheric_pressure,
+            temperature_k: state[1] * STATE_K,
+            heat_transfer_w_per_m2_k: self.air.heat_transfer_w_per_m2_k(flow_kg_per_s > 0.0),
+            ambient_temperature_k: gas.ambient_temperature_k,
+        };
+        let exchange = self.air.exchange(&inside, flow_kg_per_s, &[]);
+        let rate_per_s = at.contraction_rate_per_s;
+        let (pressure_rate, temperature_rate) =
+            self.air
+                .rates(&inside, at.contraction, rate_per_s, &exchange);
+        let volume_m3 = self.air.volume.volume_m3(at.contraction);
+        let fading_per_s = HEAT_RATIO * RT_J_PER_KG * self.conductance_kg_per_pa_s / volume_m3;
+        (
+            [pressure_rate / STATE_PA, temperature_rate / STATE_K],
+            fading_per_s,
+        )
+    }
+}
+
+impl Dynamics<MusclePoint> for FilledMuscle {
+    fn states(&self) -> usize {
+        2
+    }
+
+    fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
+        let gas = &self.air.gas;
+        state[0] = at.pressure.to_absolute(gas.atmospheric_pressure).0 / STATE_PA;
+        state[1] = gas.ambient_temperature_k / STATE_K;
+    }
+
+    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        rates.copy_from_slice(&self.states_rates(at, state).0);
+    }
+
+    /// By the classical method of Runge and Kutta, in steps that the pressure's fading allows.
+    fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
+        let whole_s = to.time_s - from.time_s;
+        if whole_s <= 0.0 {
+            return;
+        }
+        let at = |share: f64| MusclePoint {
+            time_s: from.time_s + share * whole_s,
+            contraction: from.contraction + share * (to.contraction - from.contraction),
+            contraction_rate_per_s: (to.contraction - from.contraction) / whole_s,
+            direction: 0.0,
+            pressure: GaugePa(from.pressure.0 + share * (to.pressure.0 - from.pressure.0)),
+        };
+        let rates = |share: f64, own: &[f64]| self.states_rates(&at(share), own);
+        let steps = (rates(0.0, state).1 * whole_s / FADING_STEP)
+            .ceil()
+            .max(1.0);
+        let length_s = whole_s / steps;
+        for step in 0..steps as u32 {
+            let share = |part: f64| (f64::from(step) + part) / steps;
+            let begin = [state[0], state[1]];
+            let on =
+                |rates: &[f64; 2], part: f64| [0, 1].map(|i| begin[i] + part * length_s * rates[i]);
+            let a = rates(share(0.0), &begin).0;
+            let b = rates(share(0.5), &on(&a, 0.5)).0;
+            let c = rates(share(0.5), &on(&b, 0.5)).0;
+            let d = rates(share(1.0), &on(&c, 1.0)).0;
+            let mean = [0, 1].map(|i| (a[i] + 2.0 * (b[i] + c[i]) + d[i]) / 6.0);
+            state.copy_from_slice(&on(&mean, 1.0));
+        }
+    }
+}
+
+impl MuscleTerm for FilledMuscle {
+    fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        let port = at.pressure.to_absolute(self.air.gas.atmospheric_pressure);
+        let missing_pa = port.0 - state[0] * STATE_PA;
         force_n - law.force_per_pressure_m2(at.contraction) * missing_pa
     }
 }

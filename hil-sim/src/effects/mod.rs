@@ -174,8 +174,21 @@ fn lagged(state: f64, [from, to]: [f64; 2], length_s: f64, time_constant_s: f64)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plant::gas::GasBlock;
     use crate::plant::muscle::MusclePoint;
+    use crate::plant::term::Terms;
+    use crate::rig::Rig;
     use model_core::pressure::GaugePa;
+
+    fn air() -> GasBlock {
+        let rig = Rig::reference();
+        GasBlock {
+            gas: *rig.require_gas().expect("gas"),
+            volume: *rig.require_volume().expect("a volume"),
+            initial_length_m: rig.muscle.initial_length_m,
+            terms: Terms::default(),
+        }
+    }
 
     /// What follows its inputs comes to where its rates would bring it, whatever the steps: every
     /// term of the muscle that has states, by the midpoint rule in 5000 of them.
@@ -194,7 +207,7 @@ mod tests {
                 let values: Vec<f64> = form.parameters.iter().map(|p| p.usual).collect();
                 let term = match (form.build)(&values) {
                     Term::Muscle(term) => Some(term),
-                    Term::Line(term) => term.with_measured_pressure(),
+                    Term::Line(term) => term.with_measured_pressure(Some(air())),
                     _ => None,
                 };
                 let Some(term) = term.filter(|term| term.states() > 0) else {

@@ -3,6 +3,7 @@
 //! The nominal line is ideal: no delay, and the pressure at the valve's port, which the sensor
 //! reads, is the muscle's.
 
+use super::gas::GasBlock;
 use super::muscle::MuscleTerm;
 use super::term::{Dynamics, Terms};
 use model_core::pressure::{AbsolutePa, GaugePa};
@@ -35,6 +36,16 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
         port
     }
 
+    /// Told of the plant that it joins: the valve's flow gain K_G \[kg/(Pa·s)\] and the volume of
+    /// the muscle at its rest length \[m³\].
+    fn join(&mut self, _flow_gain_kg_per_pa_s: f64, _volume_m3: f64) {}
+
+    /// Conductance of a resistance that stores no air, at the valve's end \[kg/(Pa·s)\]. The
+    /// pressure before it is the valve's to find, and does not come through [`LineTerm::port`].
+    fn conductance_kg_per_pa_s(&self, _at: &LinePoint) -> Option<f64> {
+        None
+    }
+
     /// Mass flow into the muscle, from the flow that comes to the term \[kg/s\].
     fn flow_kg_per_s(&self, _at: &LinePoint, _state: &[f64], flow_kg_per_s: f64) -> f64 {
         flow_kg_per_s
@@ -46,8 +57,9 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
     }
 
     /// What the term leaves of itself where the sensor's pressure is an input: a term on the force,
-    /// of a muscle whose pressure is not quite the one that was measured.
-    fn with_measured_pressure(&self) -> Option<Box<dyn MuscleTerm>> {
+    /// of a muscle whose pressure is not quite the one that was measured; `air` is what is in it, if
+    /// the rig says.
+    fn with_measured_pressure(&self, _air: Option<GasBlock>) -> Option<Box<dyn MuscleTerm>> {
         None
     }
 }
@@ -65,7 +77,7 @@ impl LineBlock {
         self.terms.all().map(LineTerm::delay_s).sum()
     }
 
-    /// Pressure at the valve's port.
+    /// Pressure at the valve's port, or behind what [`LineBlock::resistance`] has there.
     #[inline]
     pub fn port(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
         if self.terms.is_empty() {
@@ -83,9 +95,27 @@ impl LineBlock {
         port
     }
 
-    /// Pressure at the sensor.
-    pub fn sensor(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
-        let mut sensor = self.port(at, state);
+    /// The resistances without volume at the valve's end, in series.
+    #[inline]
+    pub fn resistance(&self, at: &LinePoint) -> Option<Resistance> {
+        if self.terms.is_empty() {
+            return None;
+        }
+        self.resistance_of_terms(*at)
+    }
+
+    #[inline(never)]
+    fn resistance_of_terms(&self, at: LinePoint) -> Option<Resistance> {
+        let own = |term: &dyn LineTerm| term.conductance_kg_per_pa_s(&at);
+        let per_conductance: f64 = self.terms.all().filter_map(own).map(f64::recip).sum();
+        (per_conductance > 0.0).then(|| Resistance {
+            conductance_kg_per_pa_s: per_conductance.recip(),
+        })
+    }
+
+    /// Pressure at the sensor, from that at the valve's port.
+    pub fn sensor(&self, at: &LinePoint, port: GaugePa<f64>, state: &[f64]) -> GaugePa<f64> {
+        let mut sensor = port;
         for (term, own) in self.terms.iter(state) {
             sensor = term.sensor(at, own, sensor);
         }
@@ -108,5 +138,58 @@ impl LineBlock {
             flow = term.flow_kg_per_s(&at, own, flow);
         }
         flow
+    }
+}
+
+/// A resistance at the valve's port, whose own volume is nothing beside the valve's flow.
+pub struct Resistance {
+    conductance_kg_per_pa_s: f64,
+}
+
+/// Share of the flow to which valve and resistance must agree: rounding.
+const SAME_FLOW: f64 = 1e-13;
+/// Steps to it: the flow is linear by pieces or smooth, for which some ten do.
+const STEPS_MAX: usize = 60;
+
+impl Resistance {
+    /// Pressure before it, with `behind` behind it: where as much passes as the valve gives. What
+    /// that gives falls as its port's pressure rises, is none at the supply and beyond, and draws
+    /// none below the atmosphere.
+    ///
+    /// Regula falsi with the halving of Illinois (Dowell & Jarratt, BIT 11 (1971)), which needs one
+    /// step where the flow is linear, as Eq 9 is.
+    pub fn before(
+        &self,
+        behind: GaugePa<f64>,
+        supply: GaugePa<f64>,
+        valve_flow_kg_per_s: impl Fn(GaugePa<f64>) -> f64,
+    ) -> GaugePa<f64> {
+        let stored_kg_per_s = |port_pa: f64| {
+            let passing_kg_per_s = self.conductance_kg_per_pa_s * (port_pa - behind.0);
+            valve_flow_kg_per_s(GaugePa(port_pa)) - passing_kg_per_s
+        };
+        let (mut from_pa, mut from) = (behind.0, stored_kg_per_s(behind.0));
+        let same_kg_per_s = SAME_FLOW * from.abs();
+        let all_pa = behind.0 + from / self.conductance_kg_per_pa_s;
+        let mut to_pa = if from > 0.0 {
+            all_pa.min(supply.0.max(behind.0))
+        } else {
+            all_pa.max(behind.0.min(0.0))
+        };
+        let mut to = stored_kg_per_s(to_pa);
+        for _ in 0..STEPS_MAX {
+            if to.abs() <= same_kg_per_s || from == to {
+                break;
+            }
+            let next_pa = (from_pa * to - to_pa * from) / (to - from);
+            let next = stored_kg_per_s(next_pa);
+            if (next > 0.0) == (to > 0.0) {
+                from *= 0.5;
+            } else {
+                (from_pa, from) = (to_pa, to);
+            }
+            (to_pa, to) = (next_pa, next);
+        }
+        GaugePa(to_pa)
     }
 }

@@ -24,10 +24,11 @@ pub mod term;
 pub mod valve;
 
 use crate::error::BadInput;
-use crate::rig::{Load, Rig};
+use crate::rig::{Gas, Load, Rig};
 use gas::{GasBlock, GasPoint, GasTerm};
-use line::{LineBlock, LinePoint, LineTerm};
+use line::{LineBlock, LinePoint, LineTerm, Resistance};
 use load::{LoadBlock, LoadPoint, LoadTerm, Motion};
+use model_core::muscle::Volume;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use muscle::{MuscleBlock, MusclePoint, MuscleTerm};
 use sensors::{Reading, SensorBlock, SensorPoint, SensorTerm};
@@ -165,6 +166,8 @@ pub struct Plant {
     pub atmospheric: AbsolutePa<f64>,
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
+    /// What the rig says of the muscle's air and volume, if it does.
+    filling: Option<(Gas, Volume<f64>)>,
     states: usize,
 }
 
@@ -206,18 +209,18 @@ impl Pneumatics {
             volume_m3: self.gas.volume.volume_m3(state[CONTRACTION]),
             valve_flow_kg_per_s: 0.0,
         };
-        let valve = ValvePoint {
+        let mut valve = ValvePoint {
             time_s,
             reference: drive.reference,
             port: self.line.port(&line, state),
             supply: supply_pressure,
             atmospheric,
         };
-        line.valve_flow_kg_per_s = self.valve.flow_kg_per_s(&valve, state);
-        supply.drawn_kg_per_s = line.valve_flow_kg_per_s.max(0.0);
-        if drive.supply.is_none() && !self.supply.terms.is_empty() {
-            self.flow_back(&valve, &mut line, &mut supply, state);
+        let limited = drive.supply.is_none() && !self.supply.terms.is_empty();
+        if let Some(resistance) = self.line.resistance(&line) {
+            valve.port = self.before(&resistance, valve, limited, state);
         }
+        [line.valve_flow_kg_per_s, supply.drawn_kg_per_s] = self.flows(&valve, limited, state);
         let gas = GasPoint {
             time_s,
             pressure,
@@ -275,7 +278,7 @@ impl Plant {
             }),
             _ => None,
         };
-        let gas = rig.gas.unwrap_or(crate::rig::Gas::STANDARD);
+        let gas = rig.gas.unwrap_or(Gas::STANDARD);
         let mut plant = Plant {
             muscle: MuscleBlock {
                 law: rig.muscle,
@@ -289,6 +292,7 @@ impl Plant {
             },
             atmospheric: gas.atmospheric_pressure,
             ambient_temperature_k: gas.ambient_temperature_k,
+            filling: rig.gas.zip(rig.volume),
             states: NOMINAL_STATES,
         };
         for effect in &rig.effects {
@@ -316,16 +320,31 @@ impl Plant {
             (Term::Sensor(term), ..) => self.sensors.terms.push(term, first),
             (Term::Load(term), _, Some(load)) => load.terms.push(term, first),
             (Term::Valve(term), Some(part), _) => part.valve.terms.push(term, first),
-            (Term::Line(term), Some(part), _) => part.line.terms.push(term, first),
+            (Term::Line(mut term), Some(part), _) => {
+                let volume_m3 = part.gas.volume.volume_m3(0.0);
+                term.join(part.valve.flow_gain_kg_per_pa_s, volume_m3);
+                part.line.terms.push(term, first)
+            }
             (Term::Gas(term), Some(part), _) => part.gas.terms.push(term, first),
             (Term::Supply(term), Some(part), _) => part.supply.terms.push(term, first),
-            (Term::Line(term), None, _) => match term.with_measured_pressure() {
+            (Term::Line(term), None, _) => match term.with_measured_pressure(self.air()) {
                 Some(term) => self.muscle.terms.push(term, first),
                 None => 0,
             },
             _ => 0,
         };
         self.states += states;
+    }
+
+    /// The air in a muscle whose pressure is an input, if the rig says what is needed.
+    fn air(&self) -> Option<GasBlock> {
+        let (gas, volume) = self.filling?;
+        Some(GasBlock {
+            gas,
+            volume,
+            initial_length_m: self.muscle.law.initial_length_m,
+            terms: Terms::default(),
+        })
     }
 
     #[inline]
@@ -419,7 +438,7 @@ impl Plant {
                 (Some(_), Motion::Rising) => 1.0,
                 (Some(_), Motion::Falling) => -1.0,
             };
-            self.term_rates(time_s, direction, state, &mut rates);
+            self.term_rates((time_s, drive), direction, state, &mut rates);
         }
         rates
     }
@@ -457,7 +476,13 @@ impl Plant {
     }
 
     /// Rates of the states that effects on muscle, load and sensors have.
-    fn term_rates(&self, time_s: f64, direction: f64, state: &[f64], rates: &mut [f64]) {
+    fn term_rates(
+        &self,
+        (time_s, drive): (f64, &Drive),
+        direction: f64,
+        state: &[f64],
+        rates: &mut [f64],
+    ) {
         let mut muscle = self.muscle_point(time_s, state);
         muscle.direction = direction;
         self.muscle.terms.rates(&muscle, state, rates);
@@ -467,7 +492,7 @@ impl Plant {
             load.terms.rates(&at, state, rates);
         }
         if !self.sensors.terms.is_empty() {
-            let sensors = self.sensor_point(time_s, state);
+            let sensors = self.sensor_point(time_s, drive, state);
             self.sensors.terms.rates(&sensors, state, rates);
         }
     }
@@ -528,7 +553,7 @@ impl Plant {
             load.terms.update(how, &at, state);
         }
         if !self.sensors.terms.is_empty() {
-            let sensors = self.sensor_point(time_s, state);
+            let sensors = self.sensor_point(time_s, drive, state);
             self.sensors.terms.update(how, &sensors, state);
         }
     }
@@ -540,25 +565,20 @@ impl Plant {
         let to = self.muscle_point(to_s, state);
         self.muscle.terms.follow(&from, &to, state);
         if !self.sensors.terms.is_empty() {
-            let from = self.sensor_point(from_s, before);
-            let to = self.sensor_point(to_s, state);
+            let drive = Drive::default();
+            let from = self.sensor_point(from_s, &drive, before);
+            let to = self.sensor_point(to_s, &drive, state);
             self.sensors.terms.follow(&from, &to, state);
         }
     }
 
-    fn sensor_point(&self, time_s: f64, state: &[f64]) -> SensorPoint {
-        let muscle = AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric);
+    fn sensor_point(&self, time_s: f64, drive: &Drive, state: &[f64]) -> SensorPoint {
         let pressure = match &self.pneumatics {
-            None => muscle,
+            None => AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric),
             Some(pneumatics) => {
-                let at = LinePoint {
-                    time_s,
-                    muscle,
-                    atmospheric: self.atmospheric,
-                    volume_m3: pneumatics.gas.volume.volume_m3(state[CONTRACTION]),
-                    valve_flow_kg_per_s: 0.0,
-                };
-                pneumatics.line.sensor(&at, state)
+                let signals = pneumatics.signals(time_s, drive, self.atmospheric, false, state);
+                let (line, port) = (&signals.line, signals.valve.port);
+                pneumatics.line.sensor(line, port, state)
             }
         };
         SensorPoint {
@@ -572,29 +592,51 @@ impl Plant {
         }
     }
 
-    /// What the instruments read in `state`, without noise.
-    pub fn read(&self, time_s: f64, state: &[f64]) -> Reading {
-        self.sensors.read(&self.sensor_point(time_s, state), state)
+    /// What the instruments read in `state` under `drive`, without noise.
+    pub fn read(&self, time_s: f64, drive: &Drive, state: &[f64]) -> Reading {
+        self.sensors
+            .read(&self.sensor_point(time_s, drive, state), state)
     }
 }
 
 impl Pneumatics {
+    /// Mass flows through the valve into the line, and out of the supply \[kg/s\], which is
+    /// `limited` where it gives way.
+    #[inline]
+    fn flows(&self, valve: &ValvePoint, limited: bool, state: &[f64]) -> [f64; 2] {
+        let flow_kg_per_s = self.valve.flow_kg_per_s(valve, state);
+        if limited {
+            return self.flow_back(valve, flow_kg_per_s, state);
+        }
+        [flow_kg_per_s, flow_kg_per_s.max(0.0)]
+    }
+
     /// Air that flows back through a valve open to its supply is the supply's again, or stays in
     /// the line where a check valve is.
     #[cold]
-    fn flow_back(
-        &self,
-        valve: &ValvePoint,
-        line: &mut LinePoint,
-        supply: &mut SupplyPoint,
-        state: &[f64],
-    ) {
-        if line.valve_flow_kg_per_s < 0.0 && self.valve.open_to_supply(valve, state) {
-            if self.supply.checks() {
-                line.valve_flow_kg_per_s = 0.0;
-            }
-            supply.drawn_kg_per_s = line.valve_flow_kg_per_s;
+    fn flow_back(&self, valve: &ValvePoint, flow_kg_per_s: f64, state: &[f64]) -> [f64; 2] {
+        if flow_kg_per_s >= 0.0 || !self.valve.open_to_supply(valve, state) {
+            [flow_kg_per_s, flow_kg_per_s.max(0.0)]
+        } else if self.supply.checks() {
+            [0.0, 0.0]
+        } else {
+            [flow_kg_per_s, flow_kg_per_s]
         }
+    }
+
+    /// Pressure at the valve's port before a resistance without volume; `valve` comes with the
+    /// pressure behind that.
+    #[cold]
+    fn before(
+        &self,
+        resistance: &Resistance,
+        valve: ValvePoint,
+        limited: bool,
+        state: &[f64],
+    ) -> GaugePa<f64> {
+        resistance.before(valve.port, valve.supply, |port| {
+            self.flows(&ValvePoint { port, ..valve }, limited, state)[0]
+        })
     }
 
     /// Rates of the states that effects on these blocks have.

@@ -130,6 +130,8 @@ pub struct Simulation {
     /// The reference that was sent last, and the one that has arrived last.
     sent: GaugePa<f64>,
     arrived: GaugePa<f64>,
+    /// What has brought the state to where it is.
+    drive: Drive,
 }
 
 /// The state, in an array that fits the plant: the nominal one is the fast one.
@@ -172,6 +174,7 @@ impl Simulation {
             pending: VecDeque::new(),
             sent: drive.reference,
             arrived: drive.reference,
+            drive: *drive,
         }
     }
 
@@ -180,6 +183,7 @@ impl Simulation {
     /// # Errors
     /// See [`SimulationError`].
     pub fn advance(&mut self, drive: &Drive, until_s: f64) -> Result<(), SimulationError> {
+        self.drive = *drive;
         let Simulation { plant, core, .. } = self;
         if self.delay_s <= 0.0 {
             return each!(core, trajectory => trajectory.advance(plant, drive, until_s));
@@ -203,6 +207,7 @@ impl Simulation {
                 _ => until_s,
             };
             drive.reference = self.arrived;
+            self.drive = drive;
             each!(core, trajectory => trajectory.advance(plant, &drive, stretch_s))?;
             if stretch_s == until_s {
                 return Ok(());
@@ -263,9 +268,9 @@ impl Simulation {
         self.plant.force_n(self.time_s(), self.state())
     }
 
-    /// What the instruments read, without noise.
+    /// What the instruments read, without noise, before the reference of this instant is sent.
     pub fn read(&self) -> Reading {
-        self.plant.read(self.time_s(), self.state())
+        self.plant.read(self.time_s(), &self.drive, self.state())
     }
 
     /// How the weight moves.

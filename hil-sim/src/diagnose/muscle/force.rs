@@ -194,7 +194,7 @@ impl<'a> Driven<'a> {
             self.advance(row, &mut states[..apart], begins)?;
             for (forces_n, state) in forces_n.iter_mut().zip(&states[..apart]) {
                 forces_n.push(match self.force {
-                    Force::Read => plant.read(time_s, state).force_n,
+                    Force::Read => plant.read(time_s, &Drive::default(), state).force_n,
                     Force::True => plant.force_n(time_s, state),
                 });
             }
