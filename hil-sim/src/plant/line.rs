@@ -146,8 +146,9 @@ pub struct Resistance {
     conductance_kg_per_pa_s: f64,
 }
 
-/// Share of the flow to which valve and resistance must agree: rounding.
-const SAME_FLOW: f64 = 1e-13;
+/// The pressure to which valve and resistance must agree \[Pa\]: far below what is seen, far above
+/// rounding.
+const SAME_PA: f64 = 1e-6;
 /// Steps to it: the flow is linear by pieces or smooth, for which some ten do.
 const STEPS_MAX: usize = 60;
 
@@ -169,7 +170,7 @@ impl Resistance {
             valve_flow_kg_per_s(GaugePa(port_pa)) - passing_kg_per_s
         };
         let (mut from_pa, mut from) = (behind.0, stored_kg_per_s(behind.0));
-        let same_kg_per_s = SAME_FLOW * from.abs();
+        let same_kg_per_s = SAME_PA * self.conductance_kg_per_pa_s;
         let all_pa = behind.0 + from / self.conductance_kg_per_pa_s;
         let mut to_pa = if from > 0.0 {
             all_pa.min(supply.0.max(behind.0))

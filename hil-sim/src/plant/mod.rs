@@ -574,12 +574,12 @@ impl Plant {
 
     fn sensor_point(&self, time_s: f64, drive: &Drive, state: &[f64]) -> SensorPoint {
         let pressure = match &self.pneumatics {
-            None => AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric),
-            Some(pneumatics) => {
+            Some(pneumatics) if !pneumatics.line.terms.is_empty() => {
                 let signals = pneumatics.signals(time_s, drive, self.atmospheric, false, state);
                 let (line, port) = (&signals.line, signals.valve.port);
                 pneumatics.line.sensor(line, port, state)
             }
+            _ => AbsolutePa(state[PRESSURE]).to_gauge(self.atmospheric),
         };
         SensorPoint {
             time_s,
