@@ -1235,14 +1235,13 @@ fn quadratic_pressure_gain_bends_and_is_taken_off() {
     }
 }
 
-#[test]
-fn sensors_read_and_inputs_are_read_back() {
-    let path = through([(0.0, 0.02), (1.0, 0.1)]);
-    let truth = bench(STEP_S, 101, &path, through([(0.0, 1e5), (1.0, 3e5)]));
-    let true_n = simulated(&rig("", &[CLAMPED]), &truth, FORCE_N);
+/// What is read of a truth at a time \[s\].
+type Read = fn(f64, f64) -> f64;
+
+/// Effects on sensors, and what these read of pressure and contraction.
+fn sensors() -> [(String, Read, Read); 5] {
     let same = |value: f64, _: f64| value;
-    type Read = fn(f64, f64) -> f64;
-    let cases: [(String, Read, Read); 5] = [
+    [
         (
             effect(
                 "pressure-sensor-gain",
@@ -1284,8 +1283,15 @@ fn sensors_read_and_inputs_are_read_back() {
             same,
             |contraction, _| contraction + 0.01,
         ),
-    ];
-    for (effect, pressure, contraction) in cases {
+    ]
+}
+
+#[test]
+fn sensors_read_and_inputs_are_read_back() {
+    let path = through([(0.0, 0.02), (1.0, 0.1)]);
+    let truth = bench(STEP_S, 101, &path, through([(0.0, 1e5), (1.0, 3e5)]));
+    let true_n = simulated(&rig("", &[CLAMPED]), &truth, FORCE_N);
+    for (effect, pressure, contraction) in sensors() {
         let mut read = truth.clone();
         for (name, sensor) in [(PRESSURE_PA, pressure), (CONTRACTION, contraction)] {
             let values = truth.require(name).expect("the column").iter();
