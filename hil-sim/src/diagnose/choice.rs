@@ -420,8 +420,10 @@ impl<M: Model> Search<'_, '_, M> {
         {
             return false;
         }
-        // What makes the free motion worse than nothing does is no explanation.
-        let worse = |null: &Hypothesis| hypothesis.fit.free_run > null.fit.free_run + WORSE;
+        // What makes the free motion worse than nothing does is no explanation, unless nothing takes
+        // a rig far from the nominal one for it.
+        let free = |h: &Hypothesis| h.fit.free_run + h.fit.prior;
+        let worse = |null: &Hypothesis| free(hypothesis) > free(null) + WORSE;
         if null.is_some_and(worse) {
             return false;
         }

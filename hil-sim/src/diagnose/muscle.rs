@@ -28,7 +28,6 @@ use crate::rig::{Effect, Load, Rig, Tolerance};
 use crate::simulate::simulate;
 use begin::{UNKNOWNS, begun_best};
 use force::{Force, Forces};
-use play::play;
 pub use prepared::Noise;
 use prepared::Prepared;
 use residuals::{balances, force_residuals, gas_residuals, measured_n};
@@ -413,7 +412,7 @@ impl Model for MuscleModel {
         match self.blocks[block] {
             GAS => gas_residuals(record, rig),
             FORCE => {
-                let ways = record.ways(play(&rig));
+                let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
                 begun_best(&forces, record.fading_forces(&forces)?, |forces_n| {
                     force_residuals(record, forces_n)
@@ -424,7 +423,7 @@ impl Model for MuscleModel {
                 let mut residuals = if self.blocks.contains(&FORCE) {
                     balances(&measured_n(record, &rig)?)?
                 } else {
-                    let ways = record.ways(play(&rig));
+                    let ways = record.ways(&rig);
                     let forces = Forces::new(&rig, &ways, Force::True)?;
                     begun_best(&forces, record.fading_balances(&forces)?, balances)?
                 };

@@ -1,8 +1,9 @@
-//! Play of the encoder: when the muscle surely takes it along, and where the muscle is else.
+//! What the instruments leave open: an encoder's play, when the muscle surely takes it along, and
+//! where the muscle is else; a sensor that rings.
 
 use super::prepared::Prepared;
 use crate::plant::Term;
-use crate::record::{CONTRACTION, Record};
+use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::Rig;
 use std::borrow::Cow;
 
@@ -77,14 +78,31 @@ pub(super) fn play(rig: &Rig) -> f64 {
 }
 
 impl Prepared {
-    /// The measured record, or where an encoder's play leaves it open the two ends of what it may
-    /// be.
-    pub(super) fn ways(&self, play: f64) -> Vec<Cow<'_, Record>> {
-        if play == 0.0 {
-            return vec![Cow::Borrowed(&self.measured)];
-        }
+    /// The measured record, or what it may be at the ends where the instruments of `rig` leave that
+    /// open: an encoder its play, a sensor that rings all between its reading and what it lags.
+    pub(super) fn ways(&self, rig: &Rig) -> Vec<Cow<'_, Record>> {
+        let play = play(rig);
         let of = |may| self.unplayed(play, &self.measured, Some(may));
-        [1.0, -1.0].map(of).to_vec()
+        let mut ways = if play == 0.0 {
+            vec![Cow::Borrowed(&self.measured)]
+        } else {
+            [1.0, -1.0].map(of).to_vec()
+        };
+        for effect in &rig.effects {
+            let Term::Line(term) = (effect.form.build)(&effect.values) else {
+                continue;
+            };
+            let ahead = ways.iter().filter_map(|way| {
+                let read_pa = way.column(PRESSURE_PA)?;
+                let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
+                let mut way = way.clone().into_owned();
+                way.set(PRESSURE_PA, before_pa);
+                Some(Cow::Owned(way))
+            });
+            let ahead: Vec<_> = ahead.collect();
+            ways.extend(ahead);
+        }
+        ways
     }
 
     /// `record` with the contraction that an encoder with `play` has read so; where the encoder

@@ -259,7 +259,7 @@ mod tests {
         record.set(FORCE_N, force_n);
         let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
         let prepared = &prepared[0];
-        let records = prepared.ways(0.0);
+        let records = prepared.ways(&rig);
         let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
         let residuals = |forces_n: &[(f64, f64)]| force_residuals(prepared, forces_n);
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
