@@ -35,12 +35,20 @@ fn slope(time_s: &[f64], values: &[f64], row: usize) -> f64 {
     }
 }
 
+/// An interval that is so many times its neighbours is a gap, whose motion they do not tell.
+const GAP: f64 = 4.0;
+
 /// The second derivative of `values` between a row and the next: the mean of theirs, so that what
-/// is left out, a third derivative, is nothing on average. 0 beside an end.
+/// is left out, a third derivative, is nothing on average. 0 beside an end and in a gap.
 fn curvature(time_s: &[f64], values: &[f64], row: usize) -> f64 {
     let Some(after) = time_s.get(row + 2).filter(|_| row > 0) else {
         return 0.0;
     };
+    let own_s = time_s[row + 1] - time_s[row];
+    let beside_s = (time_s[row] - time_s[row - 1]).min(after - time_s[row + 1]);
+    if own_s > GAP * beside_s {
+        return 0.0;
+    }
     let at = |row: usize| slope(time_s, values, row);
     let begin = (at(row) - at(row - 1)) / (time_s[row + 1] - time_s[row - 1]);
     let end = (at(row + 1) - at(row)) / (after - time_s[row]);
@@ -333,5 +341,9 @@ mod tests {
                 .iter()
                 .all(|row| curvature(&uneven_s, &parabola, *row) == 0.0)
         );
+        // Nor does a reversal on either side of a gap swing through it.
+        let gap_s = [0.0, 0.1, 0.2, 5.2, 5.3, 5.4];
+        let triangle = gap_s.map(|t: f64| 0.2 * t.min(5.4 - t));
+        assert_eq!(curvature(&gap_s, &triangle, 2), 0.0);
     }
 }

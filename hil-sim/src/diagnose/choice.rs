@@ -2,10 +2,11 @@
 //!
 //! Effects are tried alone, then in pairs and more: each set that leads, over all or over one block
 //! alone, is joined with what promises most beyond it. A set is taken if each of its members is
-//! needed: without it much of what is then left would be explained by nothing else. What the set
-//! leaves decides whether it is named at all.
+//! needed: without it much of what is then left would be explained by nothing else. What promises
+//! most in a member's place is tried there, and of sets that cannot be told apart the one with the
+//! fewest parameters is taken. What the set leaves decides whether it is named at all.
 
-use super::engine::{Active, Engine, Exchange, Fit, Hypothesis, Model, Part, Tally};
+use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -136,7 +137,7 @@ struct Search<'a, 'b, M> {
     watch: Watch<'b>,
     /// All that was tried.
     tried: Vec<Hypothesis>,
-    /// What else promises beside sets, from what they last were asked for.
+    /// What candidates promise beside sets, as long as the fits of these stay.
     promised: HashMap<Vec<usize>, Vec<f64>>,
 }
 
@@ -205,7 +206,10 @@ impl<M: Model> Search<'_, '_, M> {
         for new in found {
             let same = |h: &&mut Hypothesis| h.candidates == new.candidates;
             match self.tried.iter_mut().find(same) {
-                Some(known) if new.fit.score() < known.fit.score() => *known = new,
+                Some(known) if new.fit.score() < known.fit.score() => {
+                    self.promised.remove(&new.candidates);
+                    *known = new;
+                }
                 Some(known) => known.polished |= new.polished,
                 None => self.tried.push(new),
             }
@@ -260,7 +264,7 @@ impl<M: Model> Search<'_, '_, M> {
         leaders
     }
 
-    /// What each candidate promises beside `known`, whose fit stays what it is.
+    /// What each candidate promises beside `known`.
     fn promises(&mut self, known: &Hypothesis) -> Option<Vec<f64>> {
         if let Some(promises) = self.promised.get(&known.candidates) {
             return Some(promises.clone());
@@ -272,7 +276,7 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Whether no candidate promises more than noise gives.
-    fn few(&self, promises: &[f64]) -> bool {
+    fn only_noise(&self, promises: &[f64]) -> bool {
         let mut promises = promises.iter().enumerate();
         promises.all(|(candidate, promise)| {
             promise - GAIN_PARAMETER * (self.parameters(&[candidate]) as f64) < GAIN
@@ -283,33 +287,42 @@ impl<M: Model> Search<'_, '_, M> {
     fn joined(&mut self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
         let mut sets = Vec::new();
         for leader in leaders {
-            let known = self.tried.iter().find(|h| h.candidates == *leader);
-            let known = known.cloned();
-            let Some(promises) = known.and_then(|known| self.promises(&known)) else {
-                continue;
-            };
-            let mut order: Vec<usize> = (0..promises.len()).collect();
-            order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
-            order.retain(|candidate| {
-                let blocks = &self.engine.model.candidates()[*candidate].blocks;
-                let certain = blocks
-                    .iter()
-                    .all(|block| self.engine.model.proportional(*block));
-                let new = !leader
-                    .iter()
-                    .any(|own| self.name(*own) == self.name(*candidate));
-                new && (promises[*candidate] > PROMISE || !certain)
-            });
-            let followers = order.into_iter().map(|candidate| vec![candidate]);
-            for follower in self.distinct(followers, FOLLOWERS) {
-                let mut set = [leader.clone(), follower].concat();
-                set.sort_unstable();
+            for set in self.beside(leader, &[]) {
                 if !sets.contains(&set) {
                     sets.push(set);
                 }
             }
         }
         sets
+    }
+
+    /// A set that was tried with what promises most beside it, of other names than its own and
+    /// `barred` ones.
+    fn beside(&mut self, leader: &[usize], barred: &[&str]) -> Vec<Vec<usize>> {
+        let known = self.tried.iter().find(|h| h.candidates == leader).cloned();
+        let Some(promises) = known.and_then(|known| self.promises(&known)) else {
+            return Vec::new();
+        };
+        let mut order: Vec<usize> = (0..promises.len()).collect();
+        order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
+        order.retain(|candidate| {
+            let blocks = &self.engine.model.candidates()[*candidate].blocks;
+            let certain = blocks
+                .iter()
+                .all(|block| self.engine.model.proportional(*block));
+            let name = self.name(*candidate);
+            let mut own = leader.iter().map(|own| self.name(*own));
+            let new = !own.any(|own| own == name) && !barred.contains(&name);
+            new && (promises[*candidate] > PROMISE || !certain)
+        });
+        let followers = order.into_iter().map(|candidate| vec![candidate]);
+        let followers = self.distinct(followers, FOLLOWERS).into_iter();
+        let sets = followers.map(|follower| {
+            let mut set = [leader, &follower[..]].concat();
+            set.sort_unstable();
+            set
+        });
+        sets.collect()
     }
 
     /// The sets of `members` that cost least, with different names.
@@ -341,36 +354,35 @@ impl<M: Model> Search<'_, '_, M> {
     /// Fits other forms of the members of the leading sets once more, from where these are.
     fn reform(&mut self, members: usize) {
         let all = self.engine.model.candidates();
-        let mut exchanges = Vec::new();
+        let mut forms = Vec::new();
         for set in self.leading(members, VARIED) {
             let Some(of) = self.tried.iter().find(|h| h.candidates == set) else {
                 continue;
             };
             for own in set {
-                let forms = (0..all.len()).filter(|c| all[*c].effect == all[own].effect);
-                let others = forms.filter(|form| *form != own);
-                exchanges.extend(others.map(|form| Exchange { of, own, form }));
+                let others = (0..all.len()).filter(|c| all[*c].effect == all[own].effect);
+                let others = others.filter(|form| *form != own);
+                forms.extend(others.map(|form| OtherForm { of, own, form }));
             }
         }
-        (self.watch)(Step::Stage("other forms from there", exchanges.len()));
-        let reformed = self.engine.reformed(&exchanges);
+        (self.watch)(Step::Stage("other forms from there", forms.len()));
+        let reformed = self.engine.reformed(&forms);
         self.improve(reformed);
         self.polish(members);
     }
 
     /// Tries what promises most in the place of each member of the set that would be taken.
-    fn exchange(&mut self, members: usize) {
+    fn replace(&mut self, members: usize) {
         let taken = self.taken();
         let Some(best) = taken.filter(|best| best.candidates.len() == members) else {
             return;
         };
-        let without = (0..members).map(|place| {
+        let mut sets = Vec::new();
+        for place in 0..members {
             let mut others = best.candidates.clone();
-            others.remove(place);
-            others
-        });
-        let without: Vec<Vec<usize>> = without.collect();
-        let mut sets = self.joined(&without);
+            let own = self.name(others.remove(place));
+            sets.extend(self.beside(&others, &[own]));
+        }
         sets.retain(|set| self.tried.iter().all(|h| h.candidates != *set));
         (self.watch)(Step::Stage("others in their place", sets.len()));
         self.try_all(&sets);
@@ -589,6 +601,7 @@ impl<M: Model> Search<'_, '_, M> {
         };
         let near = self.near(best).filter(|h| {
             others(h, best).len() == 1
+                && excess(&h.fit) <= excess(&best.fit) + MARGIN
                 && self.parameters(&h.candidates) < self.parameters(&best.candidates)
                 && self.needed(h)
         });
@@ -622,7 +635,7 @@ impl<M: Model> Search<'_, '_, M> {
             }
             self.reform(members);
             if members > 1 {
-                self.exchange(members);
+                self.replace(members);
             }
             let taken = self.taken();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
@@ -640,7 +653,7 @@ impl<M: Model> Search<'_, '_, M> {
                     left < GAIN
                         && self
                             .promises(&taken)
-                            .is_some_and(|promises| self.few(&promises))
+                            .is_some_and(|promises| self.only_noise(&promises))
                 };
                 if enough {
                     break;

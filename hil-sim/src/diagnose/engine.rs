@@ -530,7 +530,7 @@ pub struct Hypothesis {
 }
 
 /// A candidate of a hypothesis, and another form of the same effect for its place.
-pub struct Exchange<'h> {
+pub struct OtherForm<'h> {
     /// The hypothesis.
     pub of: &'h Hypothesis,
     /// Its candidate.
@@ -588,24 +588,25 @@ impl<'a, M: Model> Engine<'a, M> {
         fit
     }
 
-    /// Fits `blocks` with `candidates` of `hypothesis`, from where it is.
+    /// Fits blocks with candidates of `hypothesis`, from where it is.
     fn refitted(
         &self,
         hypothesis: &Hypothesis,
-        blocks: &[usize],
-        candidates: &[usize],
+        (blocks, candidates): (&[usize], &[usize]),
         goal: Goal,
+        edged: bool,
     ) -> Option<Fit> {
         let free = self.free(blocks);
         let x = self.coordinates(hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        problem.edged = edged;
         let found = minimize(&mut problem, DVector::from_vec(x), goal)?;
         problem.fit(&found)
     }
 
     /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are.
     pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
-        let fit = self.refitted(hypothesis, &[block], &hypothesis.candidates, LOOSE)?;
+        let fit = self.refitted(hypothesis, (&[block], &hypothesis.candidates), LOOSE, false)?;
         Some(fit.score())
     }
 
@@ -719,24 +720,32 @@ impl<'a, M: Model> Engine<'a, M> {
 
     /// `hypothesis` with its minimum found to the last digit that matters.
     pub fn polished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        self.tightened(hypothesis, false)
+    }
+
+    /// `hypothesis` as it is estimated: noise at the edges of dead zones, which is the same for
+    /// all that are compared, does not push them out.
+    pub fn estimated(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        self.tightened(hypothesis, true)
+    }
+
+    fn tightened(&self, hypothesis: &Hypothesis, edged: bool) -> Option<Hypothesis> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            joint.join(self.refitted(hypothesis, &blocks, &touching, TIGHT)?);
+            joint.join(self.refitted(hypothesis, (&blocks, &touching), TIGHT, edged)?);
         }
-        let polished = self.finished(hypothesis.candidates.clone(), joint)?;
+        let tightened = self.finished(hypothesis.candidates.clone(), joint)?;
         Some(Hypothesis {
-            polished: true,
-            ..polished
+            polished: !edged,
+            ..tightened
         })
     }
 
-    /// Hypotheses with one candidate exchanged for another form of the same effect, and fitted from
+    /// Hypotheses with one candidate in another form of the same effect, and fitted from
     /// where they are, as what has the same name in both is about the same. A form with several
     /// scales may have valleys in which it stays when it is started elsewhere.
-    pub fn reformed(&self, exchanges: &[Exchange]) -> Vec<Hypothesis> {
-        let begun = exchanges
-            .iter()
-            .filter_map(|exchange| self.exchanged(exchange));
+    pub fn reformed(&self, others: &[OtherForm]) -> Vec<Hypothesis> {
+        let begun = others.iter().filter_map(|other| self.with_form(other));
         let begun: Vec<(Hypothesis, usize)> = begun.collect();
         let fits = begun.par_iter();
         let fits = fits.filter_map(|(begun, form)| self.refits(begun, *form));
@@ -749,9 +758,9 @@ impl<'a, M: Model> Engine<'a, M> {
         reformed.collect()
     }
 
-    /// Where the fit of an exchange begins, and its form.
-    fn exchanged(&self, exchange: &Exchange) -> Option<(Hypothesis, usize)> {
-        let Exchange { of, own, form } = *exchange;
+    /// Where the fit with another form begins, and that form.
+    fn with_form(&self, other: &OtherForm) -> Option<(Hypothesis, usize)> {
+        let OtherForm { of, own, form } = *other;
         let all = self.model.candidates();
         let mut begun = of.clone();
         let place = of.fit.effects.iter().position(|(c, _)| *c == own)?;
@@ -776,7 +785,7 @@ impl<'a, M: Model> Engine<'a, M> {
         let groups = self.groups(&begun.candidates).into_iter();
         let touched = groups.filter(|(_, touching)| touching.contains(&candidate));
         let fitted = touched.map(|(blocks, touching)| {
-            let fit = self.refitted(begun, &blocks, &touching, LOOSE)?;
+            let fit = self.refitted(begun, (&blocks, &touching), LOOSE, false)?;
             Some(((blocks, touching), fit))
         });
         fitted.collect()
@@ -795,21 +804,6 @@ impl<'a, M: Model> Engine<'a, M> {
                 *known = Some(fit);
             }
         }
-    }
-
-    /// `hypothesis` as it is estimated: noise at the edges of dead zones, which is the same for
-    /// all that are compared, does not push them out.
-    pub fn estimated(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
-        let mut joint = Fit::nothing(self.model.nominal_blocks().len());
-        for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            let free = self.free(&blocks);
-            let x = self.coordinates(hypothesis, &free, &touching);
-            let mut problem = Problem::new(self.model, &blocks, &free, &touching);
-            problem.edged = true;
-            let found = minimize(&mut problem, DVector::from_vec(x), TIGHT)?;
-            joint.join(problem.fit(&found)?);
-        }
-        self.finished(hypothesis.candidates.clone(), joint)
     }
 
     /// Standard errors of the parameters of the candidates of `hypothesis`, which is estimated, as
@@ -921,25 +915,22 @@ impl<'a, M: Model> Engine<'a, M> {
             let with = (&base.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
             let pieces = (self.model.records(), &touched.0[..]);
-            let change = change(self.model, pieces, &moves, with, (residuals, false));
-            change.map_or(0.0, |change| {
-                least - linearized_least(residuals, &slopes.beside(&change), priors)
-            })
+            let change = change(self.model, pieces, &moves, with, (residuals, false))?;
+            Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
         };
         let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
-        let first: Vec<f64> = starts
-            .par_iter()
-            .enumerate()
-            .map(|(place, starts)| starts.first().map_or(0.0, |start| promise(place, start)))
-            .collect();
-        let most = first.iter().copied().fold(0.0, f64::max);
-        let best = |(place, (starts, first)): (usize, (&Vec<Vec<f64>>, &f64))| {
-            if *first < SHARE_OF_FIRST * most && !base.candidates.is_empty() {
+        let first = starts.par_iter().enumerate();
+        let first = first.map(|(place, starts)| promise(place, starts.first()?));
+        let first: Vec<Option<f64>> = first.collect();
+        let most = first.iter().flatten().copied().fold(0.0, f64::max);
+        let best = |(place, (starts, first)): (usize, (&Vec<Vec<f64>>, &Option<f64>))| {
+            let little = first.filter(|first| *first < SHARE_OF_FIRST * most);
+            if let Some(first) = little.filter(|_| !base.candidates.is_empty()) {
                 return first.max(0.0);
             }
             let others = starts.par_iter().skip(1);
-            let others = others.map(|start| promise(place, start));
-            others.reduce(|| 0.0, f64::max).max(*first)
+            let others = others.filter_map(|start| promise(place, start));
+            others.reduce(|| 0.0, f64::max).max(first.unwrap_or(0.0))
         };
         let pairs = starts.par_iter().zip(&first);
         Some(pairs.enumerate().map(best).collect())

@@ -230,11 +230,11 @@ pub fn diagnose(
     let expected = "a rig whose plant can follow the records";
     let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
+    watch(Step::Stage("intervals and free runs", 0));
     let chosen = choice.taken();
     let estimated = engine.estimated(chosen);
     let taken = estimated.as_ref().unwrap_or(chosen);
     let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
-    watch(Step::Stage("intervals and free runs", 0));
     let effects = named(&engine, &choice, taken);
     clock.lap("intervals");
     let free_run = |record: &Record| {
@@ -369,6 +369,9 @@ fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
 }
 
 fn blocks(model: &MuscleModel, null: &Hypothesis, taken: &Hypothesis) -> Vec<BlockOf> {
+    // Where nothing is named, before is as after, not as it was compared.
+    let named = !taken.candidates.is_empty();
+    let null = if named { null } else { taken };
     let mean = |h: &Hypothesis, block: usize| {
         let part = h.fit.parts.iter().find(|part| part.block == block);
         let Tally { outside, count, .. } = part.map(Part::total).unwrap_or_default();

@@ -32,9 +32,8 @@ pub use prepared::Noise;
 use prepared::Prepared;
 use residuals::{balances, force_residuals, gas_residuals, measured_n};
 
-/// Tolerance of free runs. Of the gas finer ones are asked for: what steps leave is rough, and
-/// slopes of what is rough look steep, so that intervals become too narrow.
-const TOLERANCE: f64 = 1e-4;
+/// Tolerance of free runs.
+const FREE_RUN_TOLERANCE: f64 = 1e-4;
 /// A free motion is as good as it can be when it is within so many times the noise: where a weight
 /// sticks is decided by less.
 const MOTION_NOISES: f64 = 5.0;
@@ -351,8 +350,8 @@ impl Model for MuscleModel {
             let cost = 0.5 * MOTION_STOPS * (1.0 + mean_square / (scale * scale)).ln();
             cost.is_finite().then_some(cost)
         };
-        let Ok(simulated) = simulate(&rig, &record.measured, TOLERANCE) else {
-            // A motion that cannot be followed is missed by all of it.
+        let Ok(simulated) = simulate(&rig, &record.measured, FREE_RUN_TOLERANCE) else {
+            // A motion that cannot be followed is missed by all that a muscle can contract.
             return cost(1.0);
         };
         let (is, was) = (

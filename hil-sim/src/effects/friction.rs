@@ -51,6 +51,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[
                 FORCE_N,
                 Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3),
+                // With more it is a hysteresis.
                 Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4).log(),
             ],
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \

@@ -2,8 +2,8 @@
 //! muscle.
 
 use super::{
-    AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, REFERENCE_PRESSURE_PA, STATE_PA,
-    lagged,
+    AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, REFERENCE_CONTRACTION,
+    REFERENCE_PRESSURE_PA, STATE_PA, lagged,
 };
 use crate::plant::Term;
 use crate::plant::gas::{GAS_CONSTANT_J_PER_KG_K, GasBlock, GasPoint, HEAT_RATIO};
@@ -11,7 +11,7 @@ use crate::plant::line::{LinePoint, LineTerm};
 use crate::plant::muscle::{MusclePoint, MuscleTerm};
 use crate::plant::term::Dynamics;
 use core::f64::consts::TAU;
-use model_core::muscle::Muscle;
+use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
 
 const HOSE_VOLUME_M3: Parameter = Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 1e-5).log();
@@ -33,7 +33,8 @@ pub(super) const KIND: EffectKind = EffectKind {
             ],
             source: "A hose's volume at the port and a linear resistance behind it, stated as the \
                      lag of the muscle's pressure behind the port's. Leaves out the resistance \
-                     of turbulent flow, which grows with it, and lags that change with volume.",
+                     of turbulent flow, which grows with it, lags that change with volume, and \
+                     the air in a volume that fills within 1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Lag(values[0]),
@@ -98,10 +99,12 @@ pub(super) const KIND: EffectKind = EffectKind {
 const RT_J_PER_KG: f64 = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K;
 /// No resistance, to rounding \[kg/(s·Pa)\].
 const WIDE_KG_PER_PA_S: f64 = 1e-3;
-/// A port that fills faster than this has the pressure that valve and hose agree on \[s\]: neither
-/// a valve nor a pressure sensor is as fast.
+/// A port that fills faster than this has the pressure that valve and hose agree on \[s\]; a finer
+/// one would cost steps, and is some 5 % of the time in which a muscle fills.
 const PORT_INSTANT_S: f64 = 1e-3;
-/// By how much a pressure may fade in a step, of which one forgets 2e-5 of what it should not.
+/// A muscle fills no faster than this from a measured pressure \[s\], of which no more is known.
+const FILLING_INSTANT_S: f64 = 2e-4;
+/// By how much a pressure may fade in a step: of its rest 1e-5 is missed in each.
 const FADING_STEP: f64 = 0.25;
 /// Unit of the temperature in states \[K\].
 const STATE_K: f64 = 100.0;
@@ -116,7 +119,7 @@ enum Passing {
     Conductance(f64),
 }
 
-/// The state is the port's pressure, where the volume there is large enough to have one.
+/// The state is the port's pressure, where the volume there is large enough to follow.
 ///
 /// A volume V_h fills in V_h/RT over the conductances of valve and hose, 0.3 ms for that of a usual
 /// hose: then the port's pressure is where the hose passes what the valve gives, at once.
@@ -128,7 +131,7 @@ struct Resistance {
 
 impl Resistance {
     /// From the port into the muscle \[kg/(Pa·s)\]; none where it is too wide to tell.
-    fn conductance_kg_per_pa_s(&self, volume_m3: f64) -> Option<f64> {
+    fn through_kg_per_pa_s(&self, volume_m3: f64) -> Option<f64> {
         match self.passing {
             Passing::Lag(lag_s) if lag_s < INSTANT_S => None,
             Passing::Lag(lag_s) => Some(volume_m3 / (RT_J_PER_KG * lag_s)),
@@ -140,7 +143,7 @@ impl Resistance {
 
     /// Flow from the port into the muscle \[kg/s\].
     fn hose_flow_kg_per_s(&self, at: &LinePoint, port_pa: f64) -> f64 {
-        let conductance = self.conductance_kg_per_pa_s(at.volume_m3).unwrap_or(0.0);
+        let conductance = self.through_kg_per_pa_s(at.volume_m3).unwrap_or(0.0);
         (port_pa - at.muscle.0) * conductance
     }
 }
@@ -162,8 +165,8 @@ impl Dynamics<LinePoint> for Resistance {
 }
 
 impl LineTerm for Resistance {
-    fn join(&mut self, flow_gain_kg_per_pa_s: f64, volume_m3: f64) {
-        let hose = self.conductance_kg_per_pa_s(volume_m3);
+    fn join(&mut self, flow_gain_kg_per_pa_s: f64, volume: &Volume<f64>) {
+        let hose = self.through_kg_per_pa_s(volume.volume_m3(REFERENCE_CONTRACTION));
         self.stores = hose.is_some_and(|hose| {
             let fills_s = self.hose_volume_m3 / (RT_J_PER_KG * (flow_gain_kg_per_pa_s + hose));
             fills_s >= PORT_INSTANT_S
@@ -174,7 +177,7 @@ impl LineTerm for Resistance {
         if self.stores {
             return None;
         }
-        Resistance::conductance_kg_per_pa_s(self, at.volume_m3)
+        self.through_kg_per_pa_s(at.volume_m3)
     }
 
     fn port(&self, _: &LinePoint, state: &[f64], port: GaugePa<f64>) -> GaugePa<f64> {
@@ -191,15 +194,13 @@ impl LineTerm for Resistance {
         match self.passing {
             Passing::Lag(lag_s) => Some(Box::new(LaggingMuscle { lag_s })),
             Passing::Conductance(conductance_kg_per_pa_s) => {
-                let air = air?;
-                let fills_s = air.volume.volume_m3(0.0) / (RT_J_PER_KG * conductance_kg_per_pa_s);
-                // Between samples the pressure is not known that well.
-                (fills_s >= PORT_INSTANT_S).then(|| {
-                    Box::new(FilledMuscle {
-                        conductance_kg_per_pa_s,
-                        air,
-                    }) as Box<dyn MuscleTerm>
-                })
+                if conductance_kg_per_pa_s >= WIDE_KG_PER_PA_S {
+                    return None;
+                }
+                Some(Box::new(FilledMuscle {
+                    conductance_kg_per_pa_s,
+                    air: air?,
+                }))
             }
         }
     }
@@ -253,7 +254,11 @@ impl FilledMuscle {
         let gas = &self.air.gas;
         let pressure = AbsolutePa(state[0] * STATE_PA);
         let port = at.pressure.to_absolute(gas.atmospheric_pressure);
-        let flow_kg_per_s = self.conductance_kg_per_pa_s * (port.0 - pressure.0);
+        let volume_m3 = self.air.volume.volume_m3(at.contraction);
+        let conductance = self
+            .conductance_kg_per_pa_s
+            .min(volume_m3 / (RT_J_PER_KG * FILLING_INSTANT_S));
+        let flow_kg_per_s = conductance * (port.0 - pressure.0);
         let inside = GasPoint {
             time_s: at.time_s,
             pressure,
@@ -267,8 +272,7 @@ impl FilledMuscle {
         let (pressure_rate, temperature_rate) =
             self.air
                 .rates(&inside, at.contraction, rate_per_s, &exchange);
-        let volume_m3 = self.air.volume.volume_m3(at.contraction);
-        let fading_per_s = HEAT_RATIO * RT_J_PER_KG * self.conductance_kg_per_pa_s / volume_m3;
+        let fading_per_s = HEAT_RATIO * RT_J_PER_KG * conductance / volume_m3;
         (
             [pressure_rate / STATE_PA, temperature_rate / STATE_K],
             fading_per_s,

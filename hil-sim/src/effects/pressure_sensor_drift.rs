@@ -56,6 +56,7 @@ fn drift(drift_pa_per_s: f64, growth_pa_per_s2: f64, time_constant_s: f64) -> Te
 struct Drift {
     /// At time 0.
     drift_pa_per_s: f64,
+    /// By how much that grows.
     growth_pa_per_s2: f64,
     /// Infinite where it does not come to rest.
     time_constant_s: f64,
@@ -72,7 +73,7 @@ impl SensorTerm for Drift {
         } else {
             at.time_s
         };
-        let rate_pa_per_s = self.drift_pa_per_s + 0.5 * self.growth_pa_per_s2 * passed_s;
-        reading.pressure.0 += rate_pa_per_s * passed_s;
+        let mean_pa_per_s = self.drift_pa_per_s + 0.5 * self.growth_pa_per_s2 * passed_s;
+        reading.pressure.0 += mean_pa_per_s * passed_s;
     }
 }

@@ -6,6 +6,7 @@
 use super::gas::GasBlock;
 use super::muscle::MuscleTerm;
 use super::term::{Dynamics, Terms};
+use model_core::muscle::Volume;
 use model_core::pressure::{AbsolutePa, GaugePa};
 
 /// What a term of the line block sees.
@@ -36,9 +37,9 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
         port
     }
 
-    /// Told of the plant that it joins: the valve's flow gain K_G \[kg/(Pa·s)\] and the volume of
-    /// the muscle at its rest length \[m³\].
-    fn join(&mut self, _flow_gain_kg_per_pa_s: f64, _volume_m3: f64) {}
+    /// Told of the plant that it joins: the valve's flow gain K_G \[kg/(Pa·s)\] and the muscle's
+    /// volume.
+    fn join(&mut self, _flow_gain_kg_per_pa_s: f64, _volume: &Volume<f64>) {}
 
     /// Conductance of a resistance that stores no air, at the valve's end \[kg/(Pa·s)\]. The
     /// pressure before it is the valve's to find, and does not come through [`LineTerm::port`].
@@ -83,7 +84,7 @@ impl LineBlock {
         self.terms.all().map(LineTerm::delay_s).sum()
     }
 
-    /// Pressure at the valve's port, or behind what [`LineBlock::resistance`] has there.
+    /// Pressure at the valve's port, or behind the [`LineBlock::resistance`] there.
     #[inline]
     pub fn port(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
         if self.terms.is_empty() {
@@ -103,7 +104,7 @@ impl LineBlock {
 
     /// The resistances without volume at the valve's end, in series.
     #[inline]
-    pub fn resistance(&self, at: &LinePoint) -> Option<Resistance> {
+    pub fn resistance(&self, at: &LinePoint) -> Option<PortResistance> {
         if self.terms.is_empty() {
             return None;
         }
@@ -111,10 +112,10 @@ impl LineBlock {
     }
 
     #[inline(never)]
-    fn resistance_of_terms(&self, at: LinePoint) -> Option<Resistance> {
+    fn resistance_of_terms(&self, at: LinePoint) -> Option<PortResistance> {
         let own = |term: &dyn LineTerm| term.conductance_kg_per_pa_s(&at);
         let per_conductance: f64 = self.terms.all().filter_map(own).map(f64::recip).sum();
-        (per_conductance > 0.0).then(|| Resistance {
+        (per_conductance > 0.0).then(|| PortResistance {
             conductance_kg_per_pa_s: per_conductance.recip(),
         })
     }
@@ -148,7 +149,7 @@ impl LineBlock {
 }
 
 /// A resistance at the valve's port, whose own volume is nothing beside the valve's flow.
-pub struct Resistance {
+pub struct PortResistance {
     conductance_kg_per_pa_s: f64,
 }
 
@@ -158,7 +159,7 @@ const SAME_PA: f64 = 1e-6;
 /// Steps to it: the flow is linear by pieces or smooth, for which some ten do.
 const STEPS_MAX: usize = 60;
 
-impl Resistance {
+impl PortResistance {
     /// Pressure before it, with `behind` behind it: where as much passes as the valve gives. What
     /// that gives falls as its port's pressure rises, is none at the supply and beyond, and draws
     /// none below the atmosphere.

@@ -26,7 +26,7 @@ pub mod valve;
 use crate::error::BadInput;
 use crate::rig::{Gas, Load, Rig};
 use gas::{GasBlock, GasPoint, GasTerm};
-use line::{LineBlock, LinePoint, LineTerm, Resistance};
+use line::{LineBlock, LinePoint, LineTerm, PortResistance};
 use load::{LoadBlock, LoadPoint, LoadTerm, Motion};
 use model_core::muscle::Volume;
 use model_core::pressure::{AbsolutePa, GaugePa};
@@ -321,8 +321,7 @@ impl Plant {
             (Term::Load(term), _, Some(load)) => load.terms.push(term, first),
             (Term::Valve(term), Some(part), _) => part.valve.terms.push(term, first),
             (Term::Line(mut term), Some(part), _) => {
-                let volume_m3 = part.gas.volume.volume_m3(0.0);
-                term.join(part.valve.flow_gain_kg_per_pa_s, volume_m3);
+                term.join(part.valve.flow_gain_kg_per_pa_s, &part.gas.volume);
                 part.line.terms.push(term, first)
             }
             (Term::Gas(term), Some(part), _) => part.gas.terms.push(term, first),
@@ -491,7 +490,7 @@ impl Plant {
             at.direction = direction;
             load.terms.rates(&at, state, rates);
         }
-        if !self.sensors.terms.is_empty() {
+        if self.sensors.terms.have_states() {
             let sensors = self.sensor_point(time_s, drive, state);
             self.sensors.terms.rates(&sensors, state, rates);
         }
@@ -600,8 +599,8 @@ impl Plant {
 }
 
 impl Pneumatics {
-    /// Mass flows through the valve into the line, and out of the supply \[kg/s\], which is
-    /// `limited` where it gives way.
+    /// Mass flows through the valve into the line, and out of the supply \[kg/s\]; where that is
+    /// `limited`, its pressure is not held.
     #[inline]
     fn flows(&self, valve: &ValvePoint, limited: bool, state: &[f64]) -> [f64; 2] {
         let flow_kg_per_s = self.valve.flow_kg_per_s(valve, state);
@@ -629,7 +628,7 @@ impl Pneumatics {
     #[cold]
     fn before(
         &self,
-        resistance: &Resistance,
+        resistance: &PortResistance,
         valve: ValvePoint,
         limited: bool,
         state: &[f64],

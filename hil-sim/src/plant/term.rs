@@ -72,6 +72,12 @@ impl<T: ?Sized> Terms<T> {
         self.slots.is_empty()
     }
 
+    /// Whether any term has states.
+    #[inline]
+    pub fn have_states(&self) -> bool {
+        self.slots.iter().any(|slot| slot.states > 0)
+    }
+
     /// The terms.
     pub fn all(&self) -> impl Iterator<Item = &T> {
         self.slots.iter().map(|slot| &*slot.term)

@@ -48,6 +48,7 @@ fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> 
         }
         ControlFlow::Continue(())
     };
+    // Coarser steps leave what is rough: slopes of that look steep, and intervals too narrow.
     inputs.run(plant, &initial, TOLERANCE, rows, visit).ok()?;
     (out.len() == rows).then_some(out)
 }
