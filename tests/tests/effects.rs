@@ -1040,7 +1040,7 @@ fn a_port_has_its_own_pressure_or_the_one_that_valve_and_hose_agree_on() {
     let conductance = effect(
         "line-dynamics",
         "conductance",
-        &[("conductance_kg_per_pa_s", 1e-7)],
+        &[("conductance_kg_per_pa_s", 1e-7), ("hose_volume_m3", 1e-6)],
     );
     let resistance = |hose_volume_m3: f64| {
         let parameters = [("lag_s", lag_s), ("hose_volume_m3", hose_volume_m3)];
@@ -1073,7 +1073,7 @@ fn a_conductance_fills_the_muscle_from_a_measured_pressure() {
     let hose = effect(
         "line-dynamics",
         "conductance",
-        &[("conductance_kg_per_pa_s", 1e-7)],
+        &[("conductance_kg_per_pa_s", 1e-7), ("hose_volume_m3", 1e-6)],
     );
     let record = bench(
         1e-3,

@@ -56,7 +56,7 @@ impl Residuals {
 
     /// With dead zones that noise at their edges does not push out. What lies beyond an edge by
     /// noise alone asks for a wider zone, where nothing inside asks for a narrower one: by 0.4 of
-    /// the noise a row at the edge, on average, by 0.0004 of what is left with [`EDGE`] about it. A
+    /// the noise a row at the edge, on average, by 0.0004 of what is left with `EDGE` about it. A
     /// slack within the noise has a share of that, and none has none.
     pub fn edged(mut self) -> Residuals {
         for slack in &mut self.slack {

@@ -45,21 +45,24 @@ pub(super) const KIND: EffectKind = EffectKind {
         },
         Form {
             name: "conductance",
-            parameters: &[Parameter::new(
-                "conductance_kg_per_pa_s",
-                "kg/(Pa·s)",
-                (1e-10, WIDE_KG_PER_PA_S),
-                2e-7,
-            )
-            .log()
-            .neutral(WIDE_KG_PER_PA_S)],
-            source: "A linear resistance behind the port, the same at any pressure, and no volume \
-                     before it: the muscle lags more the larger it is. Leaves out turbulence and \
-                     that dense air passes more easily.",
+            parameters: &[
+                Parameter::new(
+                    "conductance_kg_per_pa_s",
+                    "kg/(Pa·s)",
+                    (1e-10, WIDE_KG_PER_PA_S),
+                    2e-7,
+                )
+                .log()
+                .neutral(WIDE_KG_PER_PA_S),
+                Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 3e-5).log(),
+            ],
+            source: "A hose's volume at the port and a linear resistance behind it, the same at any \
+                     pressure: the muscle lags more the larger it is. Leaves out turbulence, that \
+                     dense air passes more easily, and the air in a volume that fills within 1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Conductance(values[0]),
-                    hose_volume_m3: 0.0,
+                    hose_volume_m3: values[1],
                     stores: false,
                 }))
             },
