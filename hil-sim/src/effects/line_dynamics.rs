@@ -105,10 +105,11 @@ const WIDE_KG_PER_PA_S: f64 = 1e-3;
 /// A port that fills faster than this has the pressure that valve and hose agree on \[s\]; a finer
 /// one would cost steps, and is some 5 % of the time in which a muscle fills.
 const PORT_INSTANT_S: f64 = 1e-3;
-/// A muscle fills no faster than this from a measured pressure \[s\], of which no more is known.
-const FILLING_INSTANT_S: f64 = 2e-4;
-/// By how much a pressure may fade in a step: of its rest 1e-5 is missed in each.
-const FADING_STEP: f64 = 0.25;
+/// A muscle that fills faster than this from a measured pressure keeps up with it \[s\]: that is not
+/// known well enough between samples for more.
+const KEEPS_UP_S: f64 = 2e-3;
+/// By how much a pressure may fade in a step: of its rest 3e-4 is missed in each.
+const FADING_STEP: f64 = 0.5;
 /// Unit of the temperature in states \[K\].
 const STATE_K: f64 = 100.0;
 /// Unit of the flow in states \[kg/s\].
@@ -252,16 +253,17 @@ struct FilledMuscle {
 }
 
 impl FilledMuscle {
-    /// Rates of the states, and of the pressure's own fading \[1/s\].
-    fn states_rates(&self, at: &MusclePoint, state: &[f64]) -> ([f64; 2], f64) {
+    /// Time in which a muscle of this contraction fills \[s\].
+    fn fills_s(&self, contraction: f64) -> f64 {
+        self.air.volume.volume_m3(contraction) / (RT_J_PER_KG * self.conductance_kg_per_pa_s)
+    }
+
+    /// Rates of the states where `share` of the conductance is there.
+    fn states_rates(&self, at: &MusclePoint, state: &[f64], share: f64) -> [f64; 2] {
         let gas = &self.air.gas;
         let pressure = AbsolutePa(state[0] * STATE_PA);
         let port = at.pressure.to_absolute(gas.atmospheric_pressure);
-        let volume_m3 = self.air.volume.volume_m3(at.contraction);
-        let conductance = self
-            .conductance_kg_per_pa_s
-            .min(volume_m3 / (RT_J_PER_KG * FILLING_INSTANT_S));
-        let flow_kg_per_s = conductance * (port.0 - pressure.0);
+        let flow_kg_per_s = share * self.conductance_kg_per_pa_s * (port.0 - pressure.0);
         let inside = GasPoint {
             time_s: at.time_s,
             pressure,
@@ -275,11 +277,7 @@ impl FilledMuscle {
         let (pressure_rate, temperature_rate) =
             self.air
                 .rates(&inside, at.contraction, rate_per_s, &exchange);
-        let fading_per_s = HEAT_RATIO * RT_J_PER_KG * conductance / volume_m3;
-        (
-            [pressure_rate / STATE_PA, temperature_rate / STATE_K],
-            fading_per_s,
-        )
+        [pressure_rate / STATE_PA, temperature_rate / STATE_K]
     }
 }
 
@@ -295,10 +293,13 @@ impl Dynamics<MusclePoint> for FilledMuscle {
     }
 
     fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
-        rates.copy_from_slice(&self.states_rates(at, state).0);
+        // One that keeps up would be stiff.
+        let share = (self.fills_s(at.contraction) / KEEPS_UP_S).min(1.0);
+        rates.copy_from_slice(&self.states_rates(at, state, share));
     }
 
-    /// By the classical method of Runge and Kutta, in steps that the pressure's fading allows.
+    /// By the classical method of Runge and Kutta, in steps that the pressure's fading allows; one
+    /// that keeps up is behind by what it takes to change as fast as the port.
     fn follow(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
         let whole_s = to.time_s - from.time_s;
         if whole_s <= 0.0 {
@@ -311,8 +312,16 @@ impl Dynamics<MusclePoint> for FilledMuscle {
             direction: 0.0,
             pressure: GaugePa(from.pressure.0 + share * (to.pressure.0 - from.pressure.0)),
         };
-        let rates = |share: f64, own: &[f64]| self.states_rates(&at(share), own);
-        let steps = (rates(0.0, state).1 * whole_s / FADING_STEP)
+        let rates = |share: f64, own: &[f64]| self.states_rates(&at(share), own, 1.0);
+        let fills_s = self.fills_s(to.contraction);
+        if fills_s < KEEPS_UP_S {
+            let port = to.pressure.to_absolute(self.air.gas.atmospheric_pressure).0 / STATE_PA;
+            let port_rate = (to.pressure.0 - from.pressure.0) / (whole_s * STATE_PA);
+            let own_rate = rates(1.0, &[port, state[1]])[0];
+            state[0] = port - (port_rate - own_rate) * fills_s / HEAT_RATIO;
+            return;
+        }
+        let steps = (HEAT_RATIO * whole_s / (fills_s * FADING_STEP))
             .ceil()
             .max(1.0);
         let length_s = whole_s / steps;
@@ -321,10 +330,10 @@ impl Dynamics<MusclePoint> for FilledMuscle {
             let begin = [state[0], state[1]];
             let on =
                 |rates: &[f64; 2], part: f64| [0, 1].map(|i| begin[i] + part * length_s * rates[i]);
-            let a = rates(share(0.0), &begin).0;
-            let b = rates(share(0.5), &on(&a, 0.5)).0;
-            let c = rates(share(0.5), &on(&b, 0.5)).0;
-            let d = rates(share(1.0), &on(&c, 1.0)).0;
+            let a = rates(share(0.0), &begin);
+            let b = rates(share(0.5), &on(&a, 0.5));
+            let c = rates(share(0.5), &on(&b, 0.5));
+            let d = rates(share(1.0), &on(&c, 1.0));
             let mean = [0, 1].map(|i| (a[i] + 2.0 * (b[i] + c[i]) + d[i]) / 6.0);
             state.copy_from_slice(&on(&mean, 1.0));
         }
