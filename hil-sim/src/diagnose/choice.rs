@@ -434,8 +434,10 @@ impl<M: Model> Search<'_, '_, M> {
         }
         // What makes the free motion worse than nothing does is no explanation, unless nothing takes
         // a rig far from the nominal one for it.
-        let free = |h: &Hypothesis| h.fit.free_run + h.fit.prior;
-        let worse = |null: &Hypothesis| free(hypothesis) > free(null) + WORSE;
+        let worse = |null: &Hypothesis| {
+            let nearer = (null.fit.prior - hypothesis.fit.prior).max(0.0);
+            hypothesis.fit.free_run > null.fit.free_run + nearer + WORSE
+        };
         if null.is_some_and(worse) {
             return false;
         }

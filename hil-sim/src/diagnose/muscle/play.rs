@@ -92,6 +92,10 @@ impl Prepared {
             let Term::Line(term) = (effect.form.build)(&effect.values) else {
                 continue;
             };
+            // Without the gas nothing tells how the reading rings, and all could lie between.
+            if self.gas.is_none() {
+                continue;
+            }
             let ahead = ways.iter().filter_map(|way| {
                 let read_pa = way.column(PRESSURE_PA)?;
                 let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
