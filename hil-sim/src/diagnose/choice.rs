@@ -615,6 +615,12 @@ impl<M: Model> Search<'_, '_, M> {
         // Where a block is as good as its noise, what does not even promise to be seen is not
         // fitted.
         let promises = self.engine.promises(null)?;
+        // Where calibration has taken nominal values far, what an effect does there is no promise.
+        let share = if null.fit.prior > GAIN {
+            0.0
+        } else {
+            SHARE_OF_PROMISE
+        };
         let worth = |candidate: &usize| {
             let all = self.engine.model.candidates();
             let blocks = &all[*candidate].blocks;
@@ -622,7 +628,8 @@ impl<M: Model> Search<'_, '_, M> {
                 (0..all.len()).filter(|c| all[*c].blocks.iter().any(|b| blocks.contains(b)));
             let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
             let unsure = |block: &usize| !self.engine.model.proportional(*block);
-            promises[*candidate] > PROMISE.max(SHARE_OF_PROMISE * most) || blocks.iter().all(unsure)
+            let least = PROMISE.max(share * most);
+            promises[*candidate] > least || blocks.iter().all(unsure)
         };
         let candidates = (0..self.engine.model.candidates().len()).filter(worth);
         let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
