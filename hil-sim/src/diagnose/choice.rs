@@ -432,8 +432,8 @@ impl<M: Model> Search<'_, '_, M> {
         {
             return false;
         }
-        // What makes the free motion worse than nothing does is no explanation, unless nothing takes
-        // a rig far from the nominal one for it.
+        // What makes the free motion worse than nothing does is no explanation, unless nothing has
+        // to take a rig far from the nominal one for it.
         let worse = |null: &Hypothesis| {
             let nearer = (null.fit.prior - hypothesis.fit.prior).max(0.0);
             hypothesis.fit.free_run > null.fit.free_run + nearer + WORSE

@@ -648,7 +648,7 @@ impl<'a, M: Model> Engine<'a, M> {
         problem.fit(&found)
     }
 
-    /// Where a fit begins, best first: the nominal values and the other candidates of `problem` where
+    /// Where a fit begins, best first: nominal values and the other candidates of `problem` where
     /// they are in `without`, its candidate `own`, which is not there, wherever it may start.
     fn begin(
         &self,

@@ -108,8 +108,8 @@ pub struct Slopes {
 }
 
 impl Slopes {
-    /// What lies outside at `residuals`, and its slopes, 0 inside, by the roots of their weights: the
-    /// least squares that touch the loss there.
+    /// What lies outside at `residuals`, and its slopes, 0 inside, by the roots of their weights:
+    /// the least squares that touch the loss there.
     pub fn weighted(&self, residuals: &Residuals) -> (DVector<f64>, DMatrix<f64>) {
         let mut slopes = DMatrix::zeros(self.values.nrows(), self.values.ncols());
         (self.weigh(residuals, &mut slopes), slopes)

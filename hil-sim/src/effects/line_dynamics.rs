@@ -56,8 +56,8 @@ pub(super) const KIND: EffectKind = EffectKind {
                 .neutral(WIDE_KG_PER_PA_S),
                 Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 3e-5).log(),
             ],
-            source: "A hose's volume at the port and a linear resistance behind it, the same at any \
-                     pressure: the muscle lags more the larger it is. Leaves out turbulence, that \
+            source: "A hose's volume at the port and a linear resistance behind it, the same at \
+                     any pressure: the muscle lags more the larger it is. Leaves out turbulence, that \
                      dense air passes more easily, and the air in a volume that fills within 1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
@@ -105,8 +105,8 @@ const WIDE_KG_PER_PA_S: f64 = 1e-3;
 /// A port that fills faster than this has the pressure that valve and hose agree on \[s\]; a finer
 /// one would cost steps, and is some 5 % of the time in which a muscle fills.
 const PORT_INSTANT_S: f64 = 1e-3;
-/// A muscle that fills faster than this from a measured pressure keeps up with it \[s\]: that is not
-/// known well enough between samples for more.
+/// A muscle that fills faster than this from a measured pressure keeps up with it \[s\]: that is
+/// not known well enough between samples for more.
 const KEEPS_UP_S: f64 = 2e-3;
 /// By how much a pressure may fade in a step: of its rest 3e-4 is missed in each.
 const FADING_STEP: f64 = 0.5;

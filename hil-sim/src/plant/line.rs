@@ -57,15 +57,15 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
         sensor
     }
 
-    /// The pressure \[Pa\] that the sensor has read as `read_pa` at `time_s` \[s\], where it is slower
-    /// than the line; as well as differences of the readings tell it.
+    /// The pressure \[Pa\] that the sensor has read as `read_pa` at `time_s` \[s\], where it is
+    /// slower than the line; as well as differences of the readings tell it.
     fn before_sensor_pa(&self, _time_s: &[f64], _read_pa: &[f64]) -> Option<Vec<f64>> {
         None
     }
 
     /// What the term leaves of itself where the sensor's pressure is an input: a term on the force,
-    /// of a muscle whose pressure is not quite the one that was measured; `air` is what is in it, if
-    /// the rig says.
+    /// of a muscle whose pressure is not quite the one that was measured; `air` is in it, if the
+    /// rig says.
     fn with_measured_pressure(&self, _air: Option<GasBlock>) -> Option<Box<dyn MuscleTerm>> {
         None
     }

@@ -284,7 +284,7 @@ impl Prepared {
         self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
     }
 
-    /// Rates, directions, the path, on which side of a play the encoder is, and what drives the gas.
+    /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
