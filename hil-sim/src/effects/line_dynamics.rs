@@ -57,8 +57,9 @@ pub(super) const KIND: EffectKind = EffectKind {
                 Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 3e-5).log(),
             ],
             source: "A hose's volume at the port and a linear resistance behind it, the same at \
-                     any pressure: the muscle lags more the larger it is. Leaves out turbulence, that \
-                     dense air passes more easily, and the air in a volume that fills within 1 ms.",
+                     any pressure: the muscle lags more the larger it is. Leaves out turbulence, \
+                     that dense air passes more easily, and the air in a volume that fills within \
+                     1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Conductance(values[0]),
