@@ -371,14 +371,10 @@ impl<M: Model> Search<'_, '_, M> {
         self.polish(members);
     }
 
-    /// Tries what promises most in the place of each member of the set that would be taken.
-    fn replace(&mut self, members: usize) {
-        let taken = self.taken();
-        let Some(best) = taken.filter(|best| best.candidates.len() == members) else {
-            return;
-        };
+    /// Tries what promises most in the place of each member of `best`. Whether there was any.
+    fn replace(&mut self, best: &Hypothesis) -> bool {
         let mut sets = Vec::new();
-        for place in 0..members {
+        for place in 0..best.candidates.len() {
             let mut others = best.candidates.clone();
             let own = self.name(others.remove(place));
             sets.extend(self.beside(&others, &[own]));
@@ -386,6 +382,7 @@ impl<M: Model> Search<'_, '_, M> {
         sets.retain(|set| self.tried.iter().all(|h| h.candidates != *set));
         (self.watch)(Step::Stage("others in their place", sets.len()));
         self.try_all(&sets);
+        !sets.is_empty()
     }
 
     /// What is left of the leading sets without one of their members.
@@ -601,13 +598,15 @@ impl<M: Model> Search<'_, '_, M> {
             let names: Vec<&str> = b.candidates.iter().map(|c| self.name(*c)).collect();
             own.filter(|name| !names.contains(name)).collect()
         };
+        let parameters = |h: &Hypothesis| self.parameters(&h.candidates);
         let near = self.near(best).filter(|h| {
             others(h, best).len() == 1
                 && excess(&h.fit) <= excess(&best.fit) + MARGIN
-                && self.parameters(&h.candidates) < self.parameters(&best.candidates)
-                && self.needed(h)
+                && parameters(h) < parameters(best)
         });
-        near.min_by_key(|h| self.parameters(&h.candidates))
+        let mut near: Vec<&Hypothesis> = near.collect();
+        near.sort_by_key(|h| parameters(h));
+        near.into_iter().find(|h| self.needed(h))
     }
 
     /// Tries effects alone, then what leads among them together.
@@ -643,10 +642,13 @@ impl<M: Model> Search<'_, '_, M> {
                 self.try_all(&self.subsets(members));
             }
             self.reform(members);
-            if members > 1 {
-                self.replace(members);
+            let mut taken = self.taken();
+            let whole = taken
+                .as_ref()
+                .filter(|best| best.candidates.len() == members);
+            if whole.is_some_and(|best| members > 1 && self.replace(best)) {
+                taken = self.taken();
             }
-            let taken = self.taken();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.
             if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {

@@ -54,7 +54,11 @@ pub(super) const KIND: EffectKind = EffectKind {
                 )
                 .log()
                 .neutral(WIDE_KG_PER_PA_S),
-                Parameter::new("hose_volume_m3", "m³", (1e-6, 1e-3), 3e-5).log(),
+                // A smaller one fills at once, where nothing tells its size.
+                Parameter {
+                    usual: 3e-5,
+                    ..HOSE_VOLUME_M3
+                },
             ],
             source: "A hose's volume at the port and a linear resistance behind it, the same at \
                      any pressure: the muscle lags more the larger it is. Leaves out turbulence, \

@@ -88,14 +88,14 @@ impl Prepared {
         } else {
             [1.0, -1.0].map(of).to_vec()
         };
+        // Without the gas nothing tells how the reading rings, and all could lie between.
+        if self.gas.is_none() {
+            return ways;
+        }
         for effect in &rig.effects {
             let Term::Line(term) = (effect.form.build)(&effect.values) else {
                 continue;
             };
-            // Without the gas nothing tells how the reading rings, and all could lie between.
-            if self.gas.is_none() {
-                continue;
-            }
             let ahead = ways.iter().filter_map(|way| {
                 let read_pa = way.column(PRESSURE_PA)?;
                 let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
