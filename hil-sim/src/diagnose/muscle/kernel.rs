@@ -1,5 +1,6 @@
 //! Smooth kernels: value, slope and curvature of a noisy signal.
 
+use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// The kernel reaches so many widths.
@@ -26,29 +27,34 @@ impl Kernel {
             let span_s = 0.5 * (time_s[(row + 1).min(last)] - time_s[row.saturating_sub(1)]);
             (z, span_s * (-0.5 * z * z).exp())
         };
-        let weights = |polynomial: fn(f64) -> f64, moment: i32, of: f64| -> Vec<f64> {
-            let rows = (start..end).map(base);
-            let mut weights: Vec<f64> = rows.clone().map(|(z, g)| polynomial(z) * g).collect();
-            // Exact for constants, whatever the rows' times.
-            if moment > 0 {
-                let excess =
-                    weights.iter().sum::<f64>() / rows.clone().map(|(_, g)| g).sum::<f64>();
-                for (weight, (_, g)) in weights.iter_mut().zip(rows.clone()) {
-                    *weight -= excess * g;
-                }
+        let rows: Vec<(f64, f64)> = (start..end).map(base).collect();
+        // Whatever the rows' times and wherever they end, exact for all polynomials up to `degree`:
+        // of a fast motion a little of the slope would be much of the curvature.
+        let weights = |moment: usize, degree: usize| -> Option<Vec<f64>> {
+            if rows.len() <= degree {
+                return None;
             }
-            let found: f64 = weights
-                .iter()
-                .zip(rows)
-                .map(|(w, (z, _))| w * z.powi(moment))
-                .sum();
-            weights.iter().map(|weight| weight * of / found).collect()
+            let size = degree + 1;
+            let moments = DMatrix::from_fn(size, size, |i, j| {
+                rows.iter().map(|(z, g)| g * z.powi((i + j) as i32)).sum()
+            });
+            let mut asked = DVector::zeros(size);
+            asked[moment] = [1.0, 1.0, 2.0][moment] / width_s.powi(moment as i32);
+            let polynomial = moments.cholesky()?.solve(&asked);
+            let at = |(z, g): &(f64, f64)| {
+                let powers = polynomial.iter().rev();
+                g * powers.fold(0.0, |sum, factor| sum * z + factor)
+            };
+            Some(rows.iter().map(at).collect())
         };
+        let none = || vec![f64::NAN; rows.len()];
+        let value = weights(0, 1).or_else(|| weights(0, 0));
+        let first = weights(1, 2).or_else(|| weights(1, 1));
         Kernel {
             rows: start..end,
-            value: weights(|_| 1.0, 0, 1.0),
-            first: weights(|z| z, 1, 1.0 / width_s),
-            second: weights(|z| z * z - 1.0, 2, 2.0 / (width_s * width_s)),
+            value: value.unwrap_or_else(none),
+            first: first.unwrap_or_else(none),
+            second: weights(2, 2).unwrap_or_else(none),
         }
     }
 
@@ -80,4 +86,30 @@ fn dot(weights: &[f64], values: &[f64]) -> f64 {
         .zip(values)
         .map(|(weight, value)| weight * value)
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of 10 ms about a width of as much, one of the outermost left out by a rounded time.
+    #[test]
+    fn curvature_and_slope_are_exact_where_the_rows_are_not_even() {
+        let time_s: Vec<f64> = (0..40).map(|row| 0.01 * f64::from(row)).collect();
+        let jitter = |t: &f64| t + 2e-3 * (77.0 * t).sin();
+        for time_s in [time_s.clone(), time_s.iter().map(jitter).collect()] {
+            for at_s in [0.2, 0.200_1, 0.204, 0.02] {
+                let kernel = Kernel::at(&time_s, at_s, 0.01);
+                let falls: Vec<f64> = time_s
+                    .iter()
+                    .map(|t| 0.1 - 2.0 * (t - at_s) + 3.0 * (t - at_s).powi(2))
+                    .collect();
+                assert!((kernel.first(&falls) + 2.0).abs() < 1e-9);
+                assert!((kernel.second(&falls) - 6.0).abs() < 1e-7);
+                // Smoothed as the others are.
+                let away = kernel.value(&falls) - 0.1;
+                assert!((0.0..6e-4).contains(&away), "{away}");
+            }
+        }
+    }
 }
