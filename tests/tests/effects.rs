@@ -727,6 +727,39 @@ fn backlash_is_a_play_of_what_is_read() {
     }
 }
 
+/// What the shares of a graded play read, each computed apart, and on average.
+#[test]
+fn a_graded_backlash_is_a_sum_of_two() {
+    let path = [
+        (0.0, 0.02),
+        (1.0, 0.1),
+        (2.0, 0.097),
+        (3.0, 0.1),
+        (4.0, 0.03),
+    ];
+    let record = bench(STEP_S, 401, through(path), |_| 2e5);
+    let truth = record.require(CONTRACTION).expect("the column").to_vec();
+    let (half, grade, far_share) = (0.5 * 1.2e-3 / 0.3, 0.8, 0.3);
+    let near = half * (1.0 - grade * far_share);
+    let far = near + half * grade;
+    assert_near(0.7 * near + 0.3 * far, half, 1e-15, "on average");
+    let parameters = [
+        ("play_m", 1.2e-3),
+        ("grade", grade),
+        ("far_share", far_share),
+        ("start", 1.0),
+    ];
+    let loose = rig(&effect("backlash", "graded", &parameters), &[CLAMPED]);
+    let read = simulated(&loose, &record, CONTRACTION);
+    let mut shares = [truth[0] + near, truth[0] + far];
+    for (read, truth) in read.iter().zip(&truth) {
+        for (share, reach) in shares.iter_mut().zip([near, far]) {
+            *share = share.clamp(truth - reach, truth + reach);
+        }
+        assert_near(*read, 0.7 * shares[0] + 0.3 * shares[1], 1e-12, "graded");
+    }
+}
+
 /// The pressure that is reached from 2e5 Pa in 10 s.
 fn settled_pa(effect: &str, reference_pa: f64) -> f64 {
     let record = drive(10.0, |time_s| if time_s < 0.5 { 2e5 } else { reference_pa });

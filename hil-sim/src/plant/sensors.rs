@@ -30,10 +30,16 @@ pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
     /// Changes what is read.
     fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading);
 
-    /// How far at most, either way, the contraction is read behind the true one because it has play
-    /// \[-\].
+    /// How far, either way, the muscle may be from where it was last taken along without any change
+    /// of what is read of its contraction, because that has play \[-\].
     fn play(&self, _initial_length_m: f64) -> f64 {
         0.0
+    }
+
+    /// What would be read of the contraction with that play alone, of what is read with all that
+    /// is behind; `None` where that is the same.
+    fn without_further_play(&self, _initial_length_m: f64, _read: &[f64]) -> Option<Vec<f64>> {
+        None
     }
 }
 

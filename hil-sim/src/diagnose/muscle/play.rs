@@ -3,6 +3,7 @@
 
 use super::prepared::Prepared;
 use crate::plant::Term;
+use crate::plant::sensors::SensorTerm;
 use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::Rig;
 use std::borrow::Cow;
@@ -11,6 +12,8 @@ use std::borrow::Cow;
 /// of rows before and after.
 const CONTACT_NOISES: f64 = 6.0;
 pub(super) const CONTACT_ROWS: [usize; 4] = [1, 2, 4, 8];
+/// Share of the motion that its nearer half has at least: else fast motion meets a rest.
+const CONTACT_SHARE: f64 = 0.125;
 /// An encoder that rests for longer than this has more to it than a turn of the motion \[s\].
 const TURN_LONG_S: f64 = 0.3;
 
@@ -18,9 +21,11 @@ const TURN_LONG_S: f64 = 0.3;
 /// Over one of the `reaches`, numbers of rows: slow motion shows over many only.
 pub(super) fn contacts(contraction: &[f64], noise: f64, reaches: &[usize]) -> Vec<f64> {
     let last = contraction.len() - 1;
-    let moved = |from: usize, to: usize| {
-        let way = contraction[to] - contraction[from];
-        if way.abs() > CONTACT_NOISES * noise {
+    // By how much it moves towards a row, if that is more than noise and not all far from there.
+    let moved = |row: usize, near: usize, far: usize| {
+        let way = contraction[far] - contraction[row];
+        let share = (contraction[near] - contraction[row]) / way;
+        if way.abs() > CONTACT_NOISES * noise && share > CONTACT_SHARE {
             way.signum()
         } else {
             0.0
@@ -28,8 +33,12 @@ pub(super) fn contacts(contraction: &[f64], noise: f64, reaches: &[usize]) -> Ve
     };
     let contact = |row: usize| {
         let mut ways = reaches.iter().map(|reach| {
-            let (from, to) = (row.saturating_sub(*reach), (row + reach).min(last));
-            let (before, after) = (moved(from, row), moved(row, to));
+            let before = [reach.div_ceil(2), *reach].map(|rows| row.saturating_sub(rows));
+            let after = [reach.div_ceil(2), *reach].map(|rows| (row + rows).min(last));
+            let (before, after) = (
+                -moved(row, before[0], before[1]),
+                moved(row, after[0], after[1]),
+            );
             if before == after { before } else { 0.0 }
         });
         ways.find(|way| *way != 0.0).unwrap_or(0.0)
@@ -64,26 +73,57 @@ pub(super) fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[
     sides
 }
 
-/// How far the encoder of `rig` may be behind the muscle, either way \[-\].
+/// The terms of `rig` that change what its sensors read.
+fn sensor_terms(rig: &Rig) -> impl Iterator<Item = Box<dyn SensorTerm>> {
+    let terms = rig.effects.iter();
+    let terms = terms.map(|effect| (effect.form.build)(&effect.values));
+    terms.filter_map(|term| match term {
+        Term::Sensor(term) => Some(term),
+        _ => None,
+    })
+}
+
+/// Rows in which the encoder rests, and not for long, between two contacts on one side: behind its
+/// play the muscle may have gone back and come again.
+pub(super) fn dips(time_s: &[f64], directions: &[f64]) -> Vec<bool> {
+    let mut dips = vec![false; directions.len()];
+    let moving: Vec<usize> = (0..directions.len())
+        .filter(|row| directions[*row] != 0.0)
+        .collect();
+    for pair in moving.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        let same = directions[from] == directions[to];
+        dips[from + 1..to].fill(same && time_s[to] - time_s[from] <= TURN_LONG_S);
+    }
+    dips
+}
+
+/// How far the encoder of `rig` may be behind the muscle, either way, while it rests \[-\].
 pub(super) fn play(rig: &Rig) -> f64 {
     let length_m = rig.muscle.initial_length_m;
-    let plays = rig
-        .effects
-        .iter()
-        .map(|effect| match (effect.form.build)(&effect.values) {
-            Term::Sensor(term) => term.play(length_m),
-            _ => 0.0,
-        });
-    plays.sum()
+    sensor_terms(rig).map(|term| term.play(length_m)).sum()
+}
+
+/// `record` with the contraction that an encoder with only the [`play`] would have read.
+pub(super) fn without_further_play<'a>(rig: &Rig, record: &'a Record) -> Cow<'a, Record> {
+    let length_m = rig.muscle.initial_length_m;
+    let mut record = Cow::Borrowed(record);
+    for term in sensor_terms(rig) {
+        let contraction = record.column(CONTRACTION);
+        let near = contraction.and_then(|read| term.without_further_play(length_m, read));
+        if let Some(near) = near {
+            record.to_mut().set(CONTRACTION, near);
+        }
+    }
+    record
 }
 
 impl Prepared {
     /// The measured record, or what it may be at the ends where the instruments of `rig` leave that
     /// open: an encoder its play, a sensor that rings all between its reading and what it lags.
     pub(super) fn ways(&self, rig: &Rig) -> Vec<Cow<'_, Record>> {
-        let play = play(rig);
-        let of = |may| self.unplayed(play, &self.measured, Some(may));
-        let mut ways = if play == 0.0 {
+        let of = |may| self.unplayed(rig, &self.measured, Some(may));
+        let mut ways = if play(rig) == 0.0 {
             vec![Cow::Borrowed(&self.measured)]
         } else {
             [1.0, -1.0].map(of).to_vec()
@@ -109,24 +149,69 @@ impl Prepared {
         ways
     }
 
-    /// `record` with the contraction that an encoder with `play` has read so; where the encoder
-    /// rests the muscle is where it `may` be in the play, from −1 to 1, or where it most likely is.
+    /// `record` with the contraction that the encoder of `rig` has read so; where that rests the
+    /// muscle is where it `may` be in the play, from −1 to 1, or where it most likely is.
     pub(super) fn unplayed<'a>(
         &self,
-        play: f64,
+        rig: &Rig,
         record: &'a Record,
         may: Option<f64>,
     ) -> Cow<'a, Record> {
+        let play = play(rig);
+        let mut record = without_further_play(rig, record);
         let Some(contraction) = record.column(CONTRACTION).filter(|_| play > 0.0) else {
-            return Cow::Borrowed(record);
+            return record;
         };
         let place = |row: usize| may.filter(|_| !self.in_contact[row]);
         let rows = contraction.iter().zip(&self.sides).enumerate();
         let true_contraction = rows
             .map(|(row, (c, side))| c + play * place(row).unwrap_or(*side))
             .collect();
-        let mut record = record.clone();
-        record.set(CONTRACTION, true_contraction);
-        Cow::Owned(record)
+        record.to_mut().set(CONTRACTION, true_contraction);
+        record
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Up, then 80 ms of rest, then up again or down.
+    fn paused(again: f64) -> Vec<f64> {
+        let at = |row: i32| {
+            let (before, after) = (f64::from(row.min(50)), f64::from((row - 58).max(0)));
+            0.05 + 2e-3 * before + again * 2e-3 * after + 3e-5 * (3.7 * f64::from(row)).sin()
+        };
+        (0..100).map(at).collect()
+    }
+
+    /// A fast motion before and after it is seen over many rows, and is none.
+    #[test]
+    fn a_short_rest_in_fast_motion_is_a_rest() {
+        for again in [1.0, -1.0] {
+            let contacts = contacts(&paused(again), 3e-5, &CONTACT_ROWS);
+            assert!(contacts[..49].iter().skip(1).all(|way| *way == 1.0));
+            assert!(
+                contacts[51..58].iter().all(|way| *way == 0.0),
+                "{contacts:?}"
+            );
+            assert!(contacts[60..98].iter().all(|way| *way == again));
+        }
+    }
+
+    #[test]
+    fn a_slow_motion_takes_the_encoder_along() {
+        let slow: Vec<f64> = (0..100).map(|row| 0.05 + 4e-5 * f64::from(row)).collect();
+        let contacts = contacts(&slow, 3e-5, &CONTACT_ROWS);
+        assert!(contacts[5..95].iter().all(|way| *way == 1.0));
+    }
+
+    #[test]
+    fn a_muscle_may_dip_where_it_goes_on_and_not_where_it_turns() {
+        let time_s: Vec<f64> = (0..100).map(|row| 0.01 * f64::from(row)).collect();
+        let dips = |again| super::dips(&time_s, &contacts(&paused(again), 3e-5, &CONTACT_ROWS));
+        assert!(dips(1.0)[51..58].iter().all(|dips| *dips));
+        assert!(!dips(1.0)[..48].contains(&true) && !dips(1.0)[60..].contains(&true));
+        assert!(!dips(-1.0).contains(&true));
     }
 }

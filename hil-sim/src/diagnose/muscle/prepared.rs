@@ -1,7 +1,7 @@
 //! A record made ready: its noise, its motion, and where its force and balance are looked at.
 
 use super::kernel::{KERNEL_REACH, Kernel, norm};
-use super::play::{CONTACT_ROWS, bridged, contacts};
+use super::play::{CONTACT_ROWS, bridged, contacts, dips};
 use super::smoothed::smoothed;
 use super::thinned::{CHANGE_NOISES, thinned};
 use crate::check::{Check, Finding, Signal, check};
@@ -118,9 +118,10 @@ pub(super) struct Prepared {
     /// Of each row: where the contraction has surely moved to \[-\].
     pub(super) path: Vec<f64>,
     /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1; and
-    /// whether the muscle surely takes the encoder along.
+    /// whether the muscle surely takes the encoder along, or may have gone back and come again.
     pub(super) sides: Vec<f64>,
     pub(super) in_contact: Vec<bool>,
+    pub(super) dips: Vec<bool>,
     /// Rows in which pressure and force are compared.
     pub(super) gas_rows: Vec<usize>,
     pub(super) force_rows: Vec<usize>,
@@ -220,6 +221,7 @@ impl Prepared {
             path: Vec::with_capacity(contraction.len()),
             sides: vec![0.0; contraction.len()],
             in_contact: vec![true; contraction.len()],
+            dips: vec![false; contraction.len()],
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
             per_force_noise: Vec::new(),
@@ -286,6 +288,7 @@ impl Prepared {
 
     /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
+        let contacts = contacts(contraction, self.noise.contraction, &CONTACT_ROWS);
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
@@ -301,13 +304,15 @@ impl Prepared {
             }
             let error = self.noise.contraction * norm(&kernel.first);
             self.rates_per_s[row] = rate_per_s;
-            if rate_per_s.abs() > SPEED_ERRORS * error {
+            // In a short rest the kernel sees the motion before and after.
+            let moves = contacts[row] == rate_per_s.signum();
+            if moves && rate_per_s.abs() > SPEED_ERRORS * error {
                 self.directions[row] = rate_per_s.signum();
             }
         }
-        let contacts = contacts(contraction, self.noise.contraction, &CONTACT_ROWS);
         // Between two contacts on one side the muscle may have been at the other.
         self.in_contact = contacts.iter().map(|way| *way != 0.0).collect();
+        self.dips = dips(record.time_s(), &contacts);
         self.sides = bridged(record.time_s(), &contacts, record.column(PRESSURE_PA));
         if let Some(gas) = &mut self.gas {
             let smooth = smoothed(record.time_s(), contraction, self.noise.contraction);

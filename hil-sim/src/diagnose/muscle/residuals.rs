@@ -2,7 +2,7 @@
 
 use super::along::Along;
 use super::force::Forces;
-use super::play::play;
+use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
 use crate::diagnose::least_squares::Residuals;
 use crate::plant::load::{GRAVITY_M_PER_S2, LoadBlock, LoadPoint};
@@ -56,7 +56,7 @@ fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> 
 pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
     let inert = matches!(rig.load, Load::Weight(_));
     rig.load = Load::Prescribed;
-    let played = record.unplayed(play(&rig), record.gas.as_ref()?, None);
+    let played = record.unplayed(&rig, record.gas.as_ref()?, None);
     let measured = played.column(PRESSURE_PA)?;
     let mut inputs = Inputs::new(&rig, &played).ok()?;
     inputs.inert = inert;
@@ -120,7 +120,8 @@ impl Prepared {
         if self.stops.is_empty() {
             return Some(Residuals::default());
         }
-        let inputs = Inputs::new(rig, &self.measured).ok()?;
+        let read = without_further_play(rig, &self.measured);
+        let inputs = Inputs::new(rig, &read).ok()?;
         let noise = self.noise.contraction.hypot(STOP_PLACE);
         let read = |row: &usize| inputs.contraction(*row).unwrap_or(0.0) / noise;
         Some(Residuals {
@@ -176,7 +177,8 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
     };
     let (load, states) = load_block(rig, weight);
     let play = play(rig);
-    let played = record.unplayed(play, &record.measured, None);
+    let played = record.unplayed(rig, &record.measured, None);
+    let read = record.measured.column(CONTRACTION)?;
     let contraction = played.column(CONTRACTION)?;
     let time_s = record.measured.time_s();
     let mut along = Along::new(states);
@@ -190,7 +192,7 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
                 direction,
                 initial_length_m: load.initial_length_m,
             };
-            let place = record.path[row] + play * record.sides[row];
+            let place = record.path[row] + contraction[row] - read[row];
             let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
             let (middle_n, reach_n) = if direction == 0.0 {
                 (0.0, weight.static_friction_n)
@@ -214,11 +216,18 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
     let residuals = record.places.iter().map(|place| {
         let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
         let kernel = &place.kernel;
+        // What the muscle has gone within a play is all of it at most.
+        let seconds = kernel.second.iter().zip(&record.dips[kernel.rows.clone()]);
+        let gone_per_s2 = seconds
+            .filter(|(_, dips)| **dips)
+            .map(|(second, _)| second.abs());
+        let gone_per_s2 = 2.0 * play * gone_per_s2.sum::<f64>();
         for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
             balance_n += weight * row[0];
             reach_n += weight * row[1];
             mass_kg += weight * row[2];
         }
+        reach_n += mass_kg * load.initial_length_m * gone_per_s2;
         balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
