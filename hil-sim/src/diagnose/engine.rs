@@ -236,6 +236,8 @@ const START_FACTOR: f64 = 4.0;
 const STARTS: usize = 2;
 /// Share of the largest promise from a first start up to which others are not looked at.
 const SHARE_OF_FIRST: f64 = 0.1;
+/// Share of a start at which an effect begins.
+const SMALL: f64 = 1e-2;
 /// For a place to begin.
 const ROUGH: Goal = Goal {
     relative: 1e-2,
@@ -918,9 +920,24 @@ impl<'a, M: Model> Engine<'a, M> {
             let change = change(self.model, pieces, &moves, with, (residuals, false))?;
             Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
         };
+        // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
+        let begins = |place: usize, start: &[f64]| {
+            let blocks = &all[place].blocks;
+            let sure = blocks.iter().all(|block| self.model.proportional(*block));
+            let small = all[place].parameters.iter().zip(start);
+            let small = small.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
+                Some(none) if !p.log => none + SMALL * (x - none),
+                _ => *x,
+            });
+            promise(place, &small.collect::<Vec<f64>>()).filter(|_| !sure)
+        };
         let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
         let first = starts.par_iter().enumerate();
-        let first = first.map(|(place, starts)| promise(place, starts.first()?));
+        let first = first.map(|(place, starts)| {
+            let start = starts.first()?;
+            let promises = [promise(place, start), begins(place, start)];
+            promises.into_iter().flatten().reduce(f64::max)
+        });
         let first: Vec<Option<f64>> = first.collect();
         let most = first.iter().flatten().copied().fold(0.0, f64::max);
         let best = |(place, (starts, first)): (usize, (&Vec<Vec<f64>>, &Option<f64>))| {

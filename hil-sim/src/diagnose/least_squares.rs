@@ -19,6 +19,8 @@ const EDGE: f64 = 3.0;
 const INNER: usize = 60;
 const INNER_COST: f64 = 1e-4;
 const INNER_SHARE: f64 = 1e-3;
+/// The same where nothing may be left.
+const EXACT_COST: f64 = 1e-14;
 /// Halvings of a line search.
 const HALVINGS: usize = 30;
 /// Corrected slopes serve so often in a row, while the cost falls as they promise.
@@ -263,8 +265,18 @@ impl Linearized<'_> {
         rows.sum::<f64>() + priors.sum::<f64>()
     }
 
-    /// The step to the minimum of cost and damping.
+    /// The step to the minimum of cost and damping, as near as is worth it.
     pub fn minimum(&self) -> DVector<f64> {
+        self.minimum_within(INNER_COST, INNER_SHARE)
+    }
+
+    /// The same to the last digit: for what difference quotients are taken of.
+    pub fn exact_minimum(&self) -> DVector<f64> {
+        self.minimum_within(EXACT_COST, 0.0)
+    }
+
+    /// Until a step gains less than `cost` and this share of all that was gained.
+    fn minimum_within(&self, cost: f64, share: f64) -> DVector<f64> {
         let mut step = DVector::zeros(self.priors.len());
         let mut moved = self.residuals.clone();
         let mut slopes = DMatrix::zeros(moved.values.len(), step.len());
@@ -300,7 +312,7 @@ impl Linearized<'_> {
             direction.apply(low, &mut step, &mut moved);
             let fallen = fall * low.max(0.1);
             whole += fallen;
-            if fallen < INNER_COST + INNER_SHARE * whole {
+            if fallen < cost + share * whole {
                 break;
             }
         }

@@ -57,7 +57,7 @@ fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
         priors: &vec![(0.0, SPREAD.recip()); states],
         damping: DVector::zeros(states),
     };
-    linearized.minimum()
+    linearized.exact_minimum()
 }
 
 /// Slopes of residuals by states, of which there is one at least.
