@@ -154,6 +154,7 @@ fn catalogue() -> Vec<Candidate> {
             neutral: (!log).then_some(0.0),
         }],
         blocks: vec![block],
+        exact: false,
     };
     vec![
         candidate("leak", LOWER, "1/s", (1e-4, 0.1), 0.005, true),

@@ -146,6 +146,34 @@ fn transport_delay_shifts_the_response() {
     assert!(apart(&now, &then) > 1e4);
 }
 
+/// Both lags' own solution, held at the middle of 0.1 ms rows, drives the nominal valve: the delay
+/// is the mean of its rate, and its spread the dispersion's share of that.
+#[test]
+fn a_dispersed_delay_arrives_spread_about_it() {
+    let (delay_s, dispersion) = (0.08, 0.25);
+    let lag_s = dispersion * delay_s / 2.0_f64.sqrt();
+    let pure_s = delay_s - 2.0 * lag_s;
+    let parameters = [("delay_s", delay_s), ("dispersion", dispersion)];
+    let dispersed = effect("transport-delay", "dispersed", &parameters);
+    let coarse = drive(2.0, |time_s| if time_s < 0.995 { 2e5 } else { 3e5 });
+    let late = simulated(&rig(&dispersed, &[CLAMPED]), &coarse, PRESSURE_PA);
+    let time_s: Vec<f64> = (0..20_000).map(|row| f64::from(row) * 1e-4).collect();
+    let arrived = |since_s: f64| {
+        let lags = (since_s / lag_s).max(0.0);
+        1.0 - (1.0 + lags) * (-lags).exp()
+    };
+    let reference_pa = |time_s: &f64| 2e5 + 1e5 * arrived(time_s + 0.5e-4 - 1.0 - pure_s);
+    let mut fine = Record::new(time_s.clone());
+    fine.set(PRESSURE_REF_PA, time_s.iter().map(reference_pa).collect());
+    fine.set(CONTRACTION, vec![0.1; time_s.len()]);
+    fine.set(PRESSURE_PA, vec![2e5; time_s.len()]);
+    let expected = simulated(&rig("", &[CLAMPED]), &fine, PRESSURE_PA);
+    let expected: Vec<f64> = expected.iter().step_by(100).copied().collect();
+    let apart_pa = apart(&late, &expected);
+    // As for the lag: the reference rises at 2.6 MPa/s at most.
+    assert!(apart_pa < 1.0, "{apart_pa}");
+}
+
 /// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
 #[test]
 fn valve_lag_is_a_lagging_reference() {

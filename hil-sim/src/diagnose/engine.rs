@@ -70,6 +70,8 @@ pub struct Candidate {
     pub parameters: Vec<Parameter>,
     /// The blocks whose residuals it changes.
     pub blocks: Vec<usize>,
+    /// Its name says its form, so that a rig has it in no other.
+    pub exact: bool,
 }
 
 /// A candidate with values of its parameters.
@@ -492,12 +494,21 @@ fn change<M: Model>(
 }
 
 /// Cost of residuals, of which so many are no measurements.
+///
+/// What a dead zone hides of the noise is 0.5 where the truth is well inside, and half of that where
+/// it is at an edge, which the noise then crosses: what lies outside tells which, and is not noise
+/// once more.
 fn tally(residuals: &Residuals, unknowns: usize) -> Tally {
-    let outside: f64 = residuals.outside().map(loss).sum();
-    let hidden: f64 = residuals.slack.iter().map(|slack| hidden(*slack)).sum();
+    let (mut outside, mut whole, mut crossed) = (0.0, 0.0, 0.0);
+    for (beyond, slack) in residuals.outside().zip(&residuals.slack) {
+        let (cost, hides) = (loss(beyond), hidden(*slack));
+        outside += cost;
+        whole += hides;
+        crossed += 2.0 * hides * (cost - (0.5 - hides));
+    }
     Tally {
         outside,
-        cost: outside + hidden,
+        cost: outside + whole - crossed.clamp(0.0, 0.5 * whole),
         count: residuals.values.len() - unknowns,
     }
 }

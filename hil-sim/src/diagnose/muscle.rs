@@ -171,6 +171,8 @@ impl MuscleModel {
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),
+            // What depends on anything has another name: a gain, a drift.
+            exact: kind.name.ends_with("-offset"),
         });
         // An effect on no block that was measured cannot be seen.
         let candidates = candidates

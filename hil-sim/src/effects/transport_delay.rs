@@ -1,31 +1,75 @@
 //! `transport-delay`: the reference reaches the valve late.
 
-use super::{EffectKind, Form, Parameter};
+use super::{EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
 use crate::plant::Term;
 use crate::plant::line::{LinePoint, LineTerm};
 use crate::plant::term::Dynamics;
+use model_core::pressure::GaugePa;
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "transport-delay",
     block: "line",
     mark: "Nothing moves for a fixed time after each change of the reference.",
     experiment: "steps sampled at 1 kHz; a delay leaves a flat beginning, a lag none.",
-    forms: &[Form {
-        name: "pure",
-        parameters: &[Parameter::new("delay_s", "s", (0.0, 1.0), 0.03).neutral(0.0)],
-        source: "Pure delay of the command. Leaves out the rounding of a long hose.",
-        build: |values| Term::Line(Box::new(TransportDelay { delay_s: values[0] })),
-    }],
+    forms: &[
+        Form {
+            name: "pure",
+            parameters: &[DELAY_S],
+            source: "Pure delay of the command. Leaves out the rounding of a long hose.",
+            build: |values| delay(values[0], 0.0),
+        },
+        Form {
+            name: "dispersed",
+            parameters: &[DELAY_S, Parameter::new("dispersion", "1", (0.0, 0.5), 0.1)],
+            source: "A command that arrives spread about its delay, with a standard deviation of \
+                     this share of it: a shorter delay and two equal lags (tanks in series, \
+                     Levenspiel 1999). Leaves out a bus that samples.",
+            build: |values| delay(values[0], values[1]),
+        },
+    ],
 };
 
-struct TransportDelay {
-    delay_s: f64,
+const DELAY_S: Parameter = Parameter::new("delay_s", "s", (0.0, 1.0), 0.03).neutral(0.0);
+
+fn delay(delay_s: f64, dispersion: f64) -> Term {
+    // Of two lags the variances add.
+    let lag_s = dispersion * delay_s * std::f64::consts::FRAC_1_SQRT_2;
+    Term::Line(Box::new(TransportDelay {
+        pure_s: delay_s - 2.0 * lag_s,
+        lag_s,
+    }))
 }
 
-impl Dynamics<LinePoint> for TransportDelay {}
+/// The states are the command behind each lag.
+struct TransportDelay {
+    pure_s: f64,
+    /// Time constant of each lag.
+    lag_s: f64,
+}
+
+impl Dynamics<LinePoint> for TransportDelay {
+    fn states(&self) -> usize {
+        if self.lag_s >= INSTANT_S { 2 } else { 0 }
+    }
+
+    fn settle(&self, at: &LinePoint, state: &mut [f64]) {
+        state.fill(at.reference.0 / STATE_PA);
+    }
+
+    fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
+        rates[0] = (at.reference.0 / STATE_PA - state[0]) / self.lag_s;
+        rates[1] = (state[0] - state[1]) / self.lag_s;
+    }
+}
 
 impl LineTerm for TransportDelay {
     fn delay_s(&self) -> f64 {
-        self.delay_s
+        self.pure_s
+    }
+
+    fn reference(&self, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .last()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
     }
 }

@@ -14,6 +14,8 @@ use model_core::pressure::{AbsolutePa, GaugePa};
 pub struct LinePoint {
     /// Time \[s\].
     pub time_s: f64,
+    /// The reference that has come through its pure delay.
+    pub reference: GaugePa<f64>,
     /// Pressure in the muscle.
     pub muscle: GaugePa<f64>,
     /// Pressure of the surrounding air.
@@ -26,9 +28,14 @@ pub struct LinePoint {
 
 /// A term of the line block.
 pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
-    /// Time that the reference takes to the valve \[s\].
+    /// Time that the reference takes to the valve at least \[s\].
     fn delay_s(&self) -> f64 {
         0.0
+    }
+
+    /// The reference as it arrives at the valve, from the one that comes to the term.
+    fn reference(&self, _state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        reference
     }
 
     /// Pressure at the valve's end, from the one that comes to the term. It must not read
@@ -79,9 +86,19 @@ pub struct LineBlock {
 }
 
 impl LineBlock {
-    /// Time that the reference takes to the valve \[s\].
+    /// Time that the reference takes to the valve at least \[s\].
     pub fn delay_s(&self) -> f64 {
         self.terms.all().map(LineTerm::delay_s).sum()
+    }
+
+    /// The reference as it arrives at the valve.
+    #[inline]
+    pub fn reference(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
+        let mut reference = at.reference;
+        for (term, own) in self.terms.iter(state) {
+            reference = term.reference(own, reference);
+        }
+        reference
     }
 
     /// Pressure at the valve's port, or behind the [`LineBlock::resistance`] there.

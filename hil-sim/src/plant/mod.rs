@@ -204,6 +204,7 @@ impl Pneumatics {
         };
         let mut line = LinePoint {
             time_s,
+            reference: drive.reference,
             muscle: pressure.to_gauge(atmospheric),
             atmospheric,
             volume_m3: self.gas.volume.volume_m3(state[CONTRACTION]),
@@ -211,7 +212,7 @@ impl Pneumatics {
         };
         let mut valve = ValvePoint {
             time_s,
-            reference: drive.reference,
+            reference: self.line.reference(&line, state),
             port: self.line.port(&line, state),
             supply: supply_pressure,
             atmospheric,

@@ -174,6 +174,7 @@ fn candidate(
         form,
         parameters,
         blocks: vec![0],
+        exact: false,
     }
 }
 

@@ -27,7 +27,8 @@ impl<M: Model> Engine<'_, M> {
         let groups = self.groups(&hypothesis.candidates).into_iter();
         let own = groups.filter(|(blocks, _)| of.iter().any(|block| blocks.contains(block)));
         let costs = own.map(|(blocks, candidates)| {
-            let reshaped = reshaped.iter().copied();
+            let all = self.model.candidates();
+            let reshaped = reshaped.iter().copied().filter(|c| !all[*c].exact);
             let own: Vec<usize> = reshaped.filter(|c| candidates.contains(c)).collect();
             let group = (records, &blocks[..], &candidates[..]);
             self.group_reshaped(hypothesis, group, &own)
