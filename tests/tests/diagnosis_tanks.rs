@@ -358,6 +358,20 @@ fn an_effect_that_the_catalogue_lacks_is_left_unexplained() {
     }
 }
 
+/// A value off by twelve tolerances: it can be calibrated, but that is no rig within them.
+#[test]
+fn a_value_far_outside_its_tolerance_is_left_unexplained() {
+    for seed in 0..SEEDS {
+        let deviations = [TRUE[0], -12.0, TRUE[2]];
+        let model = TankModel::new(&Tanks::new(&deviations), seed, &[]);
+        let choice = chosen(&model);
+        let found = (choice.verdict, names(&model, &choice));
+        assert_eq!(found, (Verdict::Unexplained, vec![]), "seed {seed}");
+        assert!(choice.far, "seed {seed}");
+        assert_eq!(choice.left, [UPPER], "seed {seed}");
+    }
+}
+
 #[test]
 fn an_effect_taken_out_of_the_catalogue_is_not_named_as_another() {
     // Without `leak`, an offset takes up most of it: at a low level both act alike.

@@ -1032,3 +1032,39 @@ fn starts(parameters: &[Parameter]) -> Vec<Vec<f64>> {
     }
     starts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows that only differ by noise cost that, wherever in their dead zones they lie, and what is
+    /// beyond it counts.
+    #[test]
+    fn noise_costs_the_same_inside_a_dead_zone_at_its_edge_and_without_one() {
+        let rows = 4001_u32;
+        // By its quantiles, the logistic being near enough to the normal to stay within a percent.
+        let uniform = |i: u32| (0.5 + f64::from(i)) / f64::from(rows);
+        let normal = |i: u32| {
+            let odds = uniform(i) / (1.0 - uniform(i));
+            // Of unit variance.
+            odds.ln() * 3.0_f64.sqrt() / std::f64::consts::PI
+        };
+        let cost = |place: f64, slack: f64| {
+            let residuals = Residuals {
+                values: (0..rows).map(|i| place + normal(i)).collect(),
+                slack: vec![slack; rows as usize],
+            };
+            tally(&residuals, 0).cost / f64::from(rows)
+        };
+        let noise = cost(0.0, 0.0);
+        for (place, slack) in [(0.0, 8.0), (4.0, 8.0), (8.0, 8.0), (-3.0, 3.0)] {
+            let cost = cost(place, slack);
+            assert!(
+                (cost - noise).abs() < 0.03,
+                "{place}, {slack}: {cost} of {noise}"
+            );
+        }
+        assert!(cost(10.0, 8.0) > 3.0 * noise);
+        assert!(cost(2.0, 0.0) > 3.0 * noise);
+    }
+}

@@ -252,7 +252,11 @@ pub fn diagnose(
         .iter()
         .enumerate()
         .filter(|(place, _)| choice.left.contains(place));
-    let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
+    let words: Vec<String> = if choice.far {
+        vec!["taken up by values far outside their tolerances".into()]
+    } else {
+        of_left.map(|(_, block)| when(&block.profiles[1])).collect()
+    };
     let calibrated = model.calibrated(&taken.fit.nominal);
     let everywhere = choice.left.len() == blocks.len() && blocks.len() > 1;
     let warnings = warnings(&model, &calibrated, everywhere);
