@@ -544,7 +544,7 @@ mod tests {
             let x = DVector::zeros(2);
             let mut residuals = line.residuals(&x).expect("residuals");
             for (row, value) in residuals.values.iter_mut().enumerate() {
-                *value += shift * (0.3 * row as f64).cos();
+                *value += 40.0 * shift * (0.3 * row as f64).cos();
             }
             let slopes = line.slopes(&x, &residuals).expect("slopes");
             let linearized = Linearized {

@@ -49,7 +49,7 @@ const fn not_first(shared: Shared) -> Shared {
 }
 
 /// Everything that is shared.
-pub static SHARED: [Shared; 15] = [
+pub static SHARED: [Shared; 16] = [
     first("dead-band", "sharp", "sharp", |of| {
         vec![("pressure_pa", of("threshold_pa"))]
     }),
@@ -62,6 +62,9 @@ pub static SHARED: [Shared; 15] = [
     first("backlash", "sharp", "play", |of| {
         vec![("play_m", of("gap_m"))]
     }),
+    not_first(first("backlash", "graded", "graded", |of| {
+        vec![("play_m", of("gap_m"))]
+    })),
     first("valve-lag", "first-order", "first-order", |of| {
         vec![("time_constant_s", of("time_constant_s"))]
     }),
