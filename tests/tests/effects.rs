@@ -146,8 +146,21 @@ fn transport_delay_shifts_the_response() {
     assert!(apart(&now, &then) > 1e4);
 }
 
-/// Both lags' own solution, held at the middle of 0.1 ms rows, drives the nominal valve: the delay
-/// is the mean of its rate, and its spread the dispersion's share of that.
+/// The pressure that the nominal valve gives in 2 s, every 10 ms, under a reference that is held at
+/// its middle for 0.1 ms.
+fn nominal_under(reference_pa: impl Fn(f64) -> f64) -> Vec<f64> {
+    let time_s: Vec<f64> = (0..20_000).map(|row| f64::from(row) * 1e-4).collect();
+    let middle_pa = time_s.iter().map(|time_s| reference_pa(time_s + 0.5e-4));
+    let mut fine = Record::new(time_s.clone());
+    fine.set(PRESSURE_REF_PA, middle_pa.collect());
+    fine.set(CONTRACTION, vec![0.1; time_s.len()]);
+    fine.set(PRESSURE_PA, vec![2e5; time_s.len()]);
+    let pressure_pa = simulated(&rig("", &[CLAMPED]), &fine, PRESSURE_PA);
+    pressure_pa.iter().step_by(100).copied().collect()
+}
+
+/// Both lags' own solution drives the nominal valve: the delay is the mean of its rate, and the
+/// dispersion's share of that its standard deviation.
 #[test]
 fn a_dispersed_delay_arrives_spread_about_it() {
     let (delay_s, dispersion) = (0.08, 0.25);
@@ -157,24 +170,17 @@ fn a_dispersed_delay_arrives_spread_about_it() {
     let dispersed = effect("transport-delay", "dispersed", &parameters);
     let coarse = drive(2.0, |time_s| if time_s < 0.995 { 2e5 } else { 3e5 });
     let late = simulated(&rig(&dispersed, &[CLAMPED]), &coarse, PRESSURE_PA);
-    let time_s: Vec<f64> = (0..20_000).map(|row| f64::from(row) * 1e-4).collect();
     let arrived = |since_s: f64| {
         let lags = (since_s / lag_s).max(0.0);
         1.0 - (1.0 + lags) * (-lags).exp()
     };
-    let reference_pa = |time_s: &f64| 2e5 + 1e5 * arrived(time_s + 0.5e-4 - 1.0 - pure_s);
-    let mut fine = Record::new(time_s.clone());
-    fine.set(PRESSURE_REF_PA, time_s.iter().map(reference_pa).collect());
-    fine.set(CONTRACTION, vec![0.1; time_s.len()]);
-    fine.set(PRESSURE_PA, vec![2e5; time_s.len()]);
-    let expected = simulated(&rig("", &[CLAMPED]), &fine, PRESSURE_PA);
-    let expected: Vec<f64> = expected.iter().step_by(100).copied().collect();
+    let expected = nominal_under(|time_s| 2e5 + 1e5 * arrived(time_s - 1.0 - pure_s));
     let apart_pa = apart(&late, &expected);
     // As for the lag: the reference rises at 2.6 MPa/s at most.
     assert!(apart_pa < 1.0, "{apart_pa}");
 }
 
-/// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
+/// The lag's own solution drives the nominal valve.
 #[test]
 fn valve_lag_is_a_lagging_reference() {
     const TIME_CONSTANT_S: f64 = 0.05;
@@ -184,17 +190,10 @@ fn valve_lag_is_a_lagging_reference() {
     );
     let coarse = drive(2.0, |time_s| if time_s < 0.995 { 2e5 } else { 3e5 });
     let lagged = simulated(&lagging, &coarse, PRESSURE_PA);
-    let time_s: Vec<f64> = (0..20_000).map(|row| f64::from(row) * 1e-4).collect();
-    let reference_pa = |time_s: &f64| match time_s + 0.5e-4 - 1.0 {
+    let held = nominal_under(|time_s| match time_s - 1.0 {
         since_s if since_s < 0.0 => 2e5,
         since_s => 3e5 - 1e5 * (-since_s / TIME_CONSTANT_S).exp(),
-    };
-    let mut fine = Record::new(time_s.clone());
-    fine.set(PRESSURE_REF_PA, time_s.iter().map(reference_pa).collect());
-    fine.set(CONTRACTION, vec![0.1; time_s.len()]);
-    fine.set(PRESSURE_PA, vec![2e5; time_s.len()]);
-    let held = simulated(&rig("", &[CLAMPED]), &fine, PRESSURE_PA);
-    let held: Vec<f64> = held.iter().step_by(100).copied().collect();
+    });
     // A ramp of s = 2 MPa/s held for h at its middle leaves s·h²·λ/12 behind a pole of λ ≤ 600/s.
     assert!(apart(&lagged, &held) < 1.0, "{}", apart(&lagged, &held));
 }
@@ -927,7 +926,7 @@ fn a_lagging_valve_keeps_its_dead_zone() {
     assert!(apart(&both_pa, &pressure_pa(&zone)) > 0.9 * half_width_pa);
 }
 
-/// The lag's own solution, held at the middle of 0.1 ms rows, drives the nominal valve.
+/// The lag's own solution drives the nominal valve.
 #[test]
 fn valve_lag_of_second_order_is_a_lagging_reference() {
     const TIME_CONSTANT_S: f64 = 0.02;
