@@ -495,9 +495,9 @@ fn change<M: Model>(
 
 /// Cost of residuals, of which so many are no measurements.
 ///
-/// What a dead zone hides of the noise is 0.5 where the truth is well inside, and half of that where
-/// it is at an edge, which the noise then crosses: what lies outside tells which, and is not noise
-/// once more.
+/// What a dead zone hides of the noise is 0.5 where the truth is well inside, and half of that
+/// where it is at an edge, which the noise then crosses: what lies outside tells which, and is not
+/// noise once more.
 fn tally(residuals: &Residuals, unknowns: usize) -> Tally {
     let (mut outside, mut whole, mut crossed) = (0.0, 0.0, 0.0);
     for (beyond, slack) in residuals.outside().zip(&residuals.slack) {

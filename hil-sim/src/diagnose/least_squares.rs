@@ -535,8 +535,8 @@ mod tests {
         }
     }
 
-    /// What depends on a minimum is as smooth as the minimum is exact: its slope over a ten thousandth
-    /// is that over a tenth of it, where the same rows stay outside.
+    /// What depends on a minimum is as smooth as the minimum is exact: its slope over a ten
+    /// thousandth is that over a tenth of it, where the same rows stay outside.
     #[test]
     fn a_difference_quotient_of_an_exact_minimum_is_its_slope() {
         let mut line = Line::new();
