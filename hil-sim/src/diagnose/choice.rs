@@ -535,8 +535,8 @@ impl<M: Model> Search<'_, '_, M> {
         let noise = noise.map(|part| self.doubt(part));
         // Only what is fitted to the same residuals takes up what another's form leaves.
         let beside = |part: &&Part| {
-            let mut others = without.candidates.iter();
-            own(part) && others.any(|other| all[*other].blocks.contains(&part.block))
+            let mut others = without.candidates.iter().map(|other| &all[*other]);
+            own(part) && others.any(|other| !other.exact && other.blocks.contains(&part.block))
         };
         let cost = |h: &Hypothesis| -> f64 {
             let parts = h.fit.parts.iter().filter(beside);
@@ -545,10 +545,6 @@ impl<M: Model> Search<'_, '_, M> {
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
         let rest = SHARE_OF_WHOLE * cost(without);
         let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
-        // Where nothing is left with all of them, all forms are right.
-        let parts = hypothesis.fit.parts.iter().filter(own);
-        let left: f64 = parts.map(|part| excess_in(&part.total())).sum();
-        let of_others = if left < GAIN { 0.0 } else { of_others };
         let prior = hypothesis.fit.prior - without.fit.prior;
         GAIN.max(noise.sum())
             .max(SHARE_OF_ALL * of_others)
