@@ -23,8 +23,8 @@ const MEMBERS: usize = 3;
 const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
 /// Mean square of residuals, tamed, up to which a block is as good as its noise.
 pub(super) const NOISE_ONLY: f64 = 1.3;
-/// Gain in cost that noise alone does not give: of 75 healthy rigs the best gained 19. Of their
-/// calibrations the farthest cost 8.
+/// Gain in cost that noise alone does not give: of 75 healthy rigs the best gained 19. Also what a
+/// calibration within the tolerances costs at most: of theirs the farthest cost 8.
 const GAIN: f64 = 24.0;
 /// Cost by which the free motion may be worse than with nothing: where a weight sticks is chance.
 const WORSE: f64 = 16.0;
@@ -533,7 +533,7 @@ impl<M: Model> Search<'_, '_, M> {
         let own = |part: &&Part| blocks.contains(&part.block);
         let noise = hypothesis.fit.parts.iter().filter(own);
         let noise = noise.map(|part| self.doubt(part));
-        // Only what is fitted to the same residuals takes up what another's form leaves.
+        // Only what is fitted to the same residuals, and may have another form, leaves something.
         let beside = |part: &&Part| {
             let mut others = without.candidates.iter().map(|other| &all[*other]);
             own(part) && others.any(|other| !other.exact && other.blocks.contains(&part.block))
@@ -715,9 +715,11 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     let within = null.fit.prior < GAIN;
     let verdict = match (best.candidates.is_empty(), above < GAIN) {
         (true, true) if within => Verdict::Consistent,
-        (false, _) if share >= asked => Verdict::Explained,
+        // What brings values back within their tolerances leaves nothing to explain.
+        (false, quiet) if quiet || share >= asked => Verdict::Explained,
         _ => Verdict::Unexplained,
     };
+    // Only a calibration that went too far is left then.
     let far = verdict == Verdict::Unexplained && above < GAIN;
     let deviations = null.fit.nominal.iter().zip(engine.model.nominal_blocks());
     let farthest = deviations.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));

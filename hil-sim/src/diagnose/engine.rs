@@ -499,16 +499,20 @@ fn change<M: Model>(
 /// where it is at an edge, which the noise then crosses: what lies outside tells which, and is not
 /// noise once more.
 fn tally(residuals: &Residuals, unknowns: usize) -> Tally {
-    let (mut outside, mut whole, mut crossed) = (0.0, 0.0, 0.0);
+    let (mut outside, mut whole) = (0.0, 0.0);
+    let (mut crossed, mut most) = (0.0, 0.0);
     for (beyond, slack) in residuals.outside().zip(&residuals.slack) {
         let (cost, hides) = (loss(beyond), hidden(*slack));
         outside += cost;
         whole += hides;
         crossed += 2.0 * hides * (cost - (0.5 - hides));
+        if cost > 0.0 {
+            most += hides;
+        }
     }
     Tally {
         outside,
-        cost: outside + whole - crossed.clamp(0.0, 0.5 * whole),
+        cost: outside + whole - crossed.clamp(0.0, most),
         count: residuals.values.len() - unknowns,
     }
 }
@@ -887,7 +891,7 @@ impl<'a, M: Model> Engine<'a, M> {
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
     /// moved with it; the best of its starts. The predicted records count, as an effect may not be
-    /// moved in the others. Costs one evaluation a start; beside others, what promises little from
+    /// moved in the others. Costs one evaluation a start, or two; beside others, what promises little from
     /// its first start is left at that.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);
@@ -933,14 +937,16 @@ impl<'a, M: Model> Engine<'a, M> {
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |place: usize, start: &[f64]| {
-            let blocks = &all[place].blocks;
-            let sure = blocks.iter().all(|block| self.model.proportional(*block));
+            let mut blocks = all[place].blocks.iter();
+            if blocks.all(|block| self.model.proportional(*block)) {
+                return None;
+            }
             let small = all[place].parameters.iter().zip(start);
             let small = small.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
                 Some(none) if !p.log => none + SMALL * (x - none),
                 _ => *x,
             });
-            promise(place, &small.collect::<Vec<f64>>()).filter(|_| !sure)
+            promise(place, &small.collect::<Vec<f64>>())
         };
         let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
         let first = starts.par_iter().enumerate();
@@ -1065,6 +1071,14 @@ mod tests {
             );
         }
         assert!(cost(10.0, 8.0) > 3.0 * noise);
+        // One row in ten is two standard deviations off.
+        let values = (0..rows).map(|i| normal(i) + if i % 10 == 0 { 10.0 } else { 0.0 });
+        let off = Residuals {
+            values: values.collect(),
+            slack: vec![8.0; rows as usize],
+        };
+        let off = tally(&off, 0).cost / f64::from(rows);
+        assert!(off > noise + 0.1, "{off} of {noise}");
         assert!(cost(2.0, 0.0) > 3.0 * noise);
     }
 }

@@ -253,7 +253,7 @@ pub fn diagnose(
         .enumerate()
         .filter(|(place, _)| choice.left.contains(place));
     let words: Vec<String> = if choice.far {
-        vec!["taken up by values far outside their tolerances".into()]
+        vec!["only values far outside their tolerances do".into()]
     } else {
         of_left.map(|(_, block)| when(&block.profiles[1])).collect()
     };

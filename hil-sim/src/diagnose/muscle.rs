@@ -171,8 +171,7 @@ impl MuscleModel {
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),
-            // What depends on anything has another name: a gain, a drift.
-            exact: kind.name.ends_with("-offset"),
+            exact: kind.is_exact(),
         });
         // An effect on no block that was measured cannot be seen.
         let candidates = candidates

@@ -38,14 +38,14 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "graded",
             parameters: &[
                 PLAY_M,
-                Parameter::new("grade", "1", (0.0, 2.0), 0.5),
-                Parameter::new("far_share", "1", (0.05, 0.95), 0.5),
+                // The nearer play is none at the largest of both.
+                Parameter::new("grade", "1", (0.0, 1.25), 0.5),
+                Parameter::new("far_share", "1", (0.2, 0.8), 0.5),
                 START,
             ],
-            source: "A sum of two plays (Prandtl–Ishlinskii) with this one on average: a share of \
-                     the reading has farther to go than the rest, by the grade times it, as where \
-                     a coupling yields before all is taken along. Leaves out more stages than \
-                     two.",
+            source: "A sum of two plays (Prandtl–Ishlinskii), this one on average: a share of the \
+                     reading has farther to go than the rest, by the grade times it, as where a \
+                     coupling yields before all is taken along. Leaves out more stages than two.",
             build: |values| {
                 Term::Sensor(Box::new(Backlash {
                     play_m: values[0],
@@ -62,7 +62,7 @@ fn backlash(play_m: f64, start: f64) -> Term {
     Term::Sensor(Box::new(Backlash {
         play_m,
         grade: 0.0,
-        far_share: 0.0,
+        far_share: 0.5,
         start,
     }))
 }
@@ -82,8 +82,8 @@ impl Backlash {
     /// How far each share may be behind, either way \[-\].
     fn reach(&self, initial_length_m: f64) -> [f64; 2] {
         let half = 0.5 * self.play_m / initial_length_m;
-        let near = (1.0 - self.far_share * self.grade).max(0.0);
-        [near, near + self.grade].map(|share| half * share)
+        let near = 1.0 - self.far_share * self.grade;
+        [near, near + self.grade].map(|ratio| half * ratio)
     }
 
     fn shares(&self, at: &SensorPoint, state: &[f64]) -> [f64; 2] {

@@ -113,6 +113,16 @@ pub struct EffectKind {
 }
 
 impl EffectKind {
+    /// Whether its name says its form: an offset that depends on anything is a gain or a drift.
+    pub fn is_exact(&self) -> bool {
+        [
+            "pressure-sensor-offset",
+            "contraction-sensor-offset",
+            "force-sensor-offset",
+        ]
+        .contains(&self.name)
+    }
+
     /// The form of that name.
     pub fn form(&self, name: &str) -> Option<&'static Form> {
         self.forms.iter().find(|form| form.name == name)

@@ -1,6 +1,6 @@
 //! `transport-delay`: the reference reaches the valve late.
 
-use super::{EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
+use super::{EffectKind, Form, Parameter, STATE_PA};
 use crate::plant::Term;
 use crate::plant::line::{LinePoint, LineTerm};
 use crate::plant::term::Dynamics;
@@ -23,7 +23,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[DELAY_S, Parameter::new("dispersion", "1", (0.0, 0.5), 0.1)],
             source: "A command that arrives spread about its delay, with a standard deviation of \
                      this share of it: a shorter delay and two equal lags (tanks in series, \
-                     Levenspiel 1999). Leaves out a bus that samples.",
+                     Levenspiel 1999), which below 4 ms are none. Leaves out a bus that samples.",
             build: |values| delay(values[0], values[1]),
         },
     ],
@@ -31,9 +31,14 @@ pub(super) const KIND: EffectKind = EffectKind {
 
 const DELAY_S: Parameter = Parameter::new("delay_s", "s", (0.0, 1.0), 0.03).neutral(0.0);
 
+/// Shorter lags are not told from a delay in rows of 10 ms, and too stiff where each has another
+/// reference \[s\].
+const LAG_S_MIN: f64 = 4e-3;
+
 fn delay(delay_s: f64, dispersion: f64) -> Term {
     // Of two lags the variances add.
     let lag_s = dispersion * delay_s * std::f64::consts::FRAC_1_SQRT_2;
+    let lag_s = if lag_s < LAG_S_MIN { 0.0 } else { lag_s };
     Term::Line(Box::new(TransportDelay {
         pure_s: delay_s - 2.0 * lag_s,
         lag_s,
@@ -49,7 +54,7 @@ struct TransportDelay {
 
 impl Dynamics<LinePoint> for TransportDelay {
     fn states(&self) -> usize {
-        if self.lag_s >= INSTANT_S { 2 } else { 0 }
+        if self.lag_s > 0.0 { 2 } else { 0 }
     }
 
     fn settle(&self, at: &LinePoint, state: &mut [f64]) {
@@ -67,7 +72,7 @@ impl LineTerm for TransportDelay {
         self.pure_s
     }
 
-    fn reference(&self, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+    fn reference(&self, _: &LinePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
         state
             .last()
             .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))

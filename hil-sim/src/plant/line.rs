@@ -34,7 +34,7 @@ pub trait LineTerm: Dynamics<LinePoint> + Send + Sync {
     }
 
     /// The reference as it arrives at the valve, from the one that comes to the term.
-    fn reference(&self, _state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+    fn reference(&self, _at: &LinePoint, _state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
         reference
     }
 
@@ -94,9 +94,17 @@ impl LineBlock {
     /// The reference as it arrives at the valve.
     #[inline]
     pub fn reference(&self, at: &LinePoint, state: &[f64]) -> GaugePa<f64> {
+        if self.terms.is_empty() {
+            return at.reference;
+        }
+        self.reference_with_terms(*at, state)
+    }
+
+    #[inline(never)]
+    fn reference_with_terms(&self, at: LinePoint, state: &[f64]) -> GaugePa<f64> {
         let mut reference = at.reference;
         for (term, own) in self.terms.iter(state) {
-            reference = term.reference(own, reference);
+            reference = term.reference(&at, own, reference);
         }
         reference
     }

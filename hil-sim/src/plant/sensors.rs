@@ -30,14 +30,14 @@ pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
     /// Changes what is read.
     fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading);
 
-    /// How far, either way, the muscle may be from where it was last taken along without any change
-    /// of what is read of its contraction, because that has play \[-\].
+    /// Half the way \[-\] that the muscle may go without any change of what is read of its
+    /// contraction, because that has play.
     fn play(&self, _initial_length_m: f64) -> f64 {
         0.0
     }
 
-    /// What would be read of the contraction with that play alone, of what is read with all that
-    /// is behind; `None` where that is the same.
+    /// The contraction \[-\] that would be read with [`SensorTerm::play`] alone, row by row, from
+    /// what was read, NaN in gaps; `None` where that is the same.
     fn without_further_play(&self, _initial_length_m: f64, _read: &[f64]) -> Option<Vec<f64>> {
         None
     }

@@ -39,6 +39,7 @@ impl Kernel {
                 rows.iter().map(|(z, g)| g * z.powi((i + j) as i32)).sum()
             });
             let mut asked = DVector::zeros(size);
+            // The factorial: what a derivative makes of its power.
             asked[moment] = [1.0, 1.0, 2.0][moment] / width_s.powi(moment as i32);
             let polynomial = moments.cholesky()?.solve(&asked);
             let at = |(z, g): &(f64, f64)| {

@@ -8,14 +8,21 @@ use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::Rig;
 use std::borrow::Cow;
 
-/// An encoder that has moved by so many times its noise is taken along, over one of these numbers
-/// of rows before and after.
+/// An encoder that has moved by so many times its noise is taken along, over one of these times
+/// before and after \[s\].
 const CONTACT_NOISES: f64 = 6.0;
-pub(super) const CONTACT_ROWS: [usize; 4] = [1, 2, 4, 8];
+const CONTACTS_S: [f64; 4] = [0.01, 0.02, 0.04, 0.08];
 /// Share of the motion that its nearer half has at least: else fast motion meets a rest.
 const CONTACT_SHARE: f64 = 0.125;
 /// An encoder that rests for longer than this has more to it than a turn of the motion \[s\].
 const TURN_LONG_S: f64 = 0.3;
+
+/// The times over which contacts are looked for, in rows.
+pub(super) fn reaches(time_s: &[f64]) -> [usize; 4] {
+    let last = time_s.len() - 1;
+    let step_s = (time_s[last] - time_s[0]) / last.max(1) as f64;
+    CONTACTS_S.map(|reach_s| (reach_s / step_s).round().max(1.0) as usize)
+}
 
 /// Which way the muscle surely takes an encoder with play along: +1, −1, or 0 where it may not.
 /// Over one of the `reaches`, numbers of rows: slow motion shows over many only.
@@ -73,16 +80,6 @@ pub(super) fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[
     sides
 }
 
-/// The terms of `rig` that change what its sensors read.
-fn sensor_terms(rig: &Rig) -> impl Iterator<Item = Box<dyn SensorTerm>> {
-    let terms = rig.effects.iter();
-    let terms = terms.map(|effect| (effect.form.build)(&effect.values));
-    terms.filter_map(|term| match term {
-        Term::Sensor(term) => Some(term),
-        _ => None,
-    })
-}
-
 /// Rows in which the encoder rests, and not for long, between two contacts on one side: behind its
 /// play the muscle may have gone back and come again.
 pub(super) fn dips(time_s: &[f64], directions: &[f64]) -> Vec<bool> {
@@ -96,6 +93,16 @@ pub(super) fn dips(time_s: &[f64], directions: &[f64]) -> Vec<bool> {
         dips[from + 1..to].fill(same && time_s[to] - time_s[from] <= TURN_LONG_S);
     }
     dips
+}
+
+/// The terms of `rig` that change what its sensors read.
+fn sensor_terms(rig: &Rig) -> impl Iterator<Item = Box<dyn SensorTerm>> {
+    let terms = rig.effects.iter();
+    let terms = terms.map(|effect| (effect.form.build)(&effect.values));
+    terms.filter_map(|term| match term {
+        Term::Sensor(term) => Some(term),
+        _ => None,
+    })
 }
 
 /// How far the encoder of `rig` may be behind the muscle, either way, while it rests \[-\].
@@ -124,7 +131,7 @@ impl Prepared {
     pub(super) fn ways(&self, rig: &Rig) -> Vec<Cow<'_, Record>> {
         let of = |may| self.unplayed(rig, &self.measured, Some(may));
         let mut ways = if play(rig) == 0.0 {
-            vec![Cow::Borrowed(&self.measured)]
+            vec![without_further_play(rig, &self.measured)]
         } else {
             [1.0, -1.0].map(of).to_vec()
         };
@@ -176,6 +183,8 @@ impl Prepared {
 mod tests {
     use super::*;
 
+    const ROWS: [usize; 4] = [1, 2, 4, 8];
+
     /// Up, then 80 ms of rest, then up again or down.
     fn paused(again: f64) -> Vec<f64> {
         let at = |row: i32| {
@@ -185,11 +194,23 @@ mod tests {
         (0..100).map(at).collect()
     }
 
+    #[test]
+    fn reaches_are_times() {
+        let rows = |step_s: f64| {
+            let time_s: Vec<f64> = (0..50).map(|row| step_s * f64::from(row)).collect();
+            reaches(&time_s)
+        };
+        assert_eq!(rows(0.01), ROWS);
+        assert_eq!(rows(0.001), [10, 20, 40, 80]);
+        assert_eq!(rows(0.1), [1; 4]);
+        assert_eq!(reaches(&[0.0]), [usize::MAX; 4]);
+    }
+
     /// A fast motion before and after it is seen over many rows, and is none.
     #[test]
     fn a_short_rest_in_fast_motion_is_a_rest() {
         for again in [1.0, -1.0] {
-            let contacts = contacts(&paused(again), 3e-5, &CONTACT_ROWS);
+            let contacts = contacts(&paused(again), 3e-5, &ROWS);
             assert!(contacts[..49].iter().skip(1).all(|way| *way == 1.0));
             assert!(
                 contacts[51..58].iter().all(|way| *way == 0.0),
@@ -202,14 +223,14 @@ mod tests {
     #[test]
     fn a_slow_motion_takes_the_encoder_along() {
         let slow: Vec<f64> = (0..100).map(|row| 0.05 + 4e-5 * f64::from(row)).collect();
-        let contacts = contacts(&slow, 3e-5, &CONTACT_ROWS);
+        let contacts = contacts(&slow, 3e-5, &ROWS);
         assert!(contacts[5..95].iter().all(|way| *way == 1.0));
     }
 
     #[test]
     fn a_muscle_may_dip_where_it_goes_on_and_not_where_it_turns() {
         let time_s: Vec<f64> = (0..100).map(|row| 0.01 * f64::from(row)).collect();
-        let dips = |again| super::dips(&time_s, &contacts(&paused(again), 3e-5, &CONTACT_ROWS));
+        let dips = |again| super::dips(&time_s, &contacts(&paused(again), 3e-5, &ROWS));
         assert!(dips(1.0)[51..58].iter().all(|dips| *dips));
         assert!(!dips(1.0)[..48].contains(&true) && !dips(1.0)[60..].contains(&true));
         assert!(!dips(-1.0).contains(&true));

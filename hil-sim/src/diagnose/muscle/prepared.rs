@@ -1,7 +1,7 @@
 //! A record made ready: its noise, its motion, and where its force and balance are looked at.
 
 use super::kernel::{KERNEL_REACH, Kernel, norm};
-use super::play::{CONTACT_ROWS, bridged, contacts, dips};
+use super::play::{bridged, contacts, dips, reaches};
 use super::smoothed::smoothed;
 use super::thinned::{CHANGE_NOISES, thinned};
 use crate::check::{Check, Finding, Signal, check};
@@ -288,7 +288,8 @@ impl Prepared {
 
     /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
-        let contacts = contacts(contraction, self.noise.contraction, &CONTACT_ROWS);
+        let reaches = reaches(record.time_s());
+        let contacts = contacts(contraction, self.noise.contraction, &reaches);
         for row in 0..contraction.len() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
@@ -351,7 +352,9 @@ impl Prepared {
         };
         let present = |kernel: &Kernel| {
             let mut rows = kernel.rows.clone();
-            rows.len() >= 5 && rows.all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan())
+            // Beside a gap in time what is smoothed is not what is sloped.
+            let whole = rows.len() >= 5 && kernel.value.iter().all(|weight| *weight >= 0.0);
+            whole && rows.all(|r| !contraction[r].is_nan() && !pressure_pa[r].is_nan())
         };
         // An encoder with an offset or with play reads something else than 0 on the stop.
         let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
@@ -360,7 +363,8 @@ impl Prepared {
             rows.all(|r| contraction[r] > lowest + STOP_REACH)
         };
         // Whatever it reads there, it does not fall on.
-        let ways = contacts(contraction, self.noise.contraction, &[1]);
+        let nearest = &reaches(time_s)[..1];
+        let ways = contacts(contraction, self.noise.contraction, nearest);
         let falls = |kernel: &Kernel| kernel.rows.clone().all(|r| ways[r] < 0.0);
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
         let whole_s = last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S;

@@ -193,7 +193,7 @@ pub(super) const BACKLASH: &[Form] = &[
             initial_length_m: rig.initial_length_m,
         })
     }),
-    Form::new("graded", |size, rig, rng| {
+    Form::standard("graded", &["gap_m"], |size, rig, rng| {
         let wide = between(rng, 1.2, 1.6);
         Drawn::new(Backlash {
             gap_m: scale(size, 0.1e-3, 3.0e-3),
