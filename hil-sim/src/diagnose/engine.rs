@@ -891,8 +891,8 @@ impl<'a, M: Model> Engine<'a, M> {
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
     /// moved with it; the best of its starts. The predicted records count, as an effect may not be
-    /// moved in the others. Costs one evaluation a start, or two; beside others, what promises little from
-    /// its first start is left at that.
+    /// moved in the others. Costs one evaluation a start, or two; beside others, what promises
+    /// little from its first start is left at that.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let groups = self.groups(&base.candidates);
         // What a candidate touches stands or falls together.
@@ -941,12 +941,7 @@ impl<'a, M: Model> Engine<'a, M> {
             if blocks.all(|block| self.model.proportional(*block)) {
                 return None;
             }
-            let small = all[place].parameters.iter().zip(start);
-            let small = small.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
-                Some(none) if !p.log => none + SMALL * (x - none),
-                _ => *x,
-            });
-            promise(place, &small.collect::<Vec<f64>>())
+            promise(place, &small(&all[place].parameters, start))
         };
         let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
         let first = starts.par_iter().enumerate();
@@ -1005,6 +1000,16 @@ fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) ->
         damping: DVector::from_element(priors.len(), 1e-9),
     };
     linearized.cost(&linearized.minimum())
+}
+
+/// `start` with the sizes that it begins with.
+fn small(parameters: &[Parameter], start: &[f64]) -> Vec<f64> {
+    let pairs = parameters.iter().zip(start);
+    let small = pairs.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
+        Some(none) if !p.log => none + SMALL * (x - none),
+        _ => *x,
+    });
+    small.collect()
 }
 
 /// Where a fit of effect parameters begins: sizes at half the usual one, in either direction where

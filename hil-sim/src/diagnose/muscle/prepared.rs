@@ -290,7 +290,7 @@ impl Prepared {
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         let reaches = reaches(record.time_s());
         let contacts = contacts(contraction, self.noise.contraction, &reaches);
-        for row in 0..contraction.len() {
+        for (row, contact) in contacts.iter().enumerate() {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
@@ -306,7 +306,7 @@ impl Prepared {
             let error = self.noise.contraction * norm(&kernel.first);
             self.rates_per_s[row] = rate_per_s;
             // In a short rest the kernel sees the motion before and after.
-            let moves = contacts[row] == rate_per_s.signum();
+            let moves = *contact == rate_per_s.signum();
             if moves && rate_per_s.abs() > SPEED_ERRORS * error {
                 self.directions[row] = rate_per_s.signum();
             }
