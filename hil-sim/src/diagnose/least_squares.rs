@@ -223,10 +223,11 @@ impl Linearized<'_> {
         let rows = self.slopes.weigh(moved, slopes);
         let size = step.len();
         let mut gradient = slopes.tr_mul(&rows);
-        let outlying = moved.outside().enumerate();
-        let outlying = outlying.filter(|(_, beyond)| own && beyond.abs() > OUTLIER);
-        for (row, _) in outlying {
-            slopes.row_mut(row).fill(0.0);
+        if own {
+            let outlying = moved.outside().enumerate();
+            for (row, _) in outlying.filter(|(_, beyond)| beyond.abs() > OUTLIER) {
+                slopes.row_mut(row).fill(0.0);
+            }
         }
         let mut curvature = DMatrix::zeros(size, size);
         for (place, (residual, slope)) in self.priors.iter().enumerate() {

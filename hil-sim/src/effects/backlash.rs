@@ -25,14 +25,14 @@ pub(super) const KIND: EffectKind = EffectKind {
             source: "A play operator (Tao & Kokotović 1996) whose encoder starts in the middle of \
                      its play. Leaves out friction and inertia of the encoder, and play that \
                      the load's own motion passes.",
-            build: |values| backlash(values[0], 0.0),
+            build: |values| backlash(values[0], UNGRADED, 0.0),
         },
         Form {
             name: "play-from-a-side",
             parameters: &[PLAY_M, START],
             source: "The same with the place from which the encoder starts: −1 where the muscle \
                      takes it along at once when it contracts, 1 when it pays out.",
-            build: |values| backlash(values[0], values[1]),
+            build: |values| backlash(values[0], UNGRADED, values[1]),
         },
         Form {
             name: "graded",
@@ -46,23 +46,19 @@ pub(super) const KIND: EffectKind = EffectKind {
             source: "A sum of two plays (Prandtl–Ishlinskii), this one on average: a share of the \
                      reading has farther to go than the rest, by the grade times it, as where a \
                      coupling yields before all is taken along. Leaves out more stages than two.",
-            build: |values| {
-                Term::Sensor(Box::new(Backlash {
-                    play_m: values[0],
-                    grade: values[1],
-                    far_share: values[2],
-                    start: values[3],
-                }))
-            },
+            build: |values| backlash(values[0], (values[1], values[2]), values[3]),
         },
     ],
 };
 
-fn backlash(play_m: f64, start: f64) -> Term {
+/// Grade and far share of a play that is one.
+const UNGRADED: (f64, f64) = (0.0, 0.5);
+
+fn backlash(play_m: f64, (grade, far_share): (f64, f64), start: f64) -> Term {
     Term::Sensor(Box::new(Backlash {
         play_m,
-        grade: 0.0,
-        far_share: 0.5,
+        grade,
+        far_share,
         start,
     }))
 }

@@ -28,8 +28,9 @@ impl<M: Model> Engine<'_, M> {
         let own = groups.filter(|(blocks, _)| of.iter().any(|block| blocks.contains(block)));
         let costs = own.map(|(blocks, candidates)| {
             let all = self.model.candidates();
-            let reshaped = reshaped.iter().copied().filter(|c| !all[*c].exact);
-            let own: Vec<usize> = reshaped.filter(|c| candidates.contains(c)).collect();
+            let reshaped = reshaped.iter().copied();
+            let own = reshaped.filter(|c| candidates.contains(c) && !all[*c].exact);
+            let own: Vec<usize> = own.collect();
             let group = (records, &blocks[..], &candidates[..]);
             self.group_reshaped(hypothesis, group, &own)
         });

@@ -53,12 +53,16 @@ pub(super) fn contacts(contraction: &[f64], noise: f64, reaches: &[usize]) -> Ve
     (0..=last).map(contact).collect()
 }
 
+/// The rows in which the encoder moves: between two of them it rests.
+fn moving(directions: &[f64]) -> Vec<usize> {
+    let rows = 0..directions.len();
+    rows.filter(|row| directions[*row] != 0.0).collect()
+}
+
 /// Directions with each rest of the encoder crossed: in a short one the motion turns, with a steady
 /// acceleration; in a long one the muscle goes with the pressure.
 pub(super) fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[f64]>) -> Vec<f64> {
-    let moving: Vec<usize> = (0..directions.len())
-        .filter(|row| directions[*row] != 0.0)
-        .collect();
+    let moving = moving(directions);
     let mut sides = directions.to_vec();
     let (Some(first), Some(last)) = (moving.first(), moving.last()) else {
         return sides;
@@ -84,9 +88,7 @@ pub(super) fn bridged(time_s: &[f64], directions: &[f64], pressure_pa: Option<&[
 /// play the muscle may have gone back and come again.
 pub(super) fn dips(time_s: &[f64], directions: &[f64]) -> Vec<bool> {
     let mut dips = vec![false; directions.len()];
-    let moving: Vec<usize> = (0..directions.len())
-        .filter(|row| directions[*row] != 0.0)
-        .collect();
+    let moving = moving(directions);
     for pair in moving.windows(2) {
         let (from, to) = (pair[0], pair[1]);
         let same = directions[from] == directions[to];
@@ -129,11 +131,11 @@ impl Prepared {
     /// The measured record, or what it may be at the ends where the instruments of `rig` leave that
     /// open: an encoder its play, a sensor that rings all between its reading and what it lags.
     pub(super) fn ways(&self, rig: &Rig) -> Vec<Cow<'_, Record>> {
-        let of = |may| self.unplayed(rig, &self.measured, Some(may));
+        let of = |may| self.unplayed(rig, &self.measured, may);
         let mut ways = if play(rig) == 0.0 {
-            vec![without_further_play(rig, &self.measured)]
+            vec![of(None)]
         } else {
-            [1.0, -1.0].map(of).to_vec()
+            [1.0, -1.0].map(|end| of(Some(end))).to_vec()
         };
         // Without the gas nothing tells how the reading rings, and all could lie between.
         if self.gas.is_none() {

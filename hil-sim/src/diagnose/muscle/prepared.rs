@@ -64,6 +64,8 @@ pub(super) struct Place {
     pub(super) kernel: Kernel,
     /// One over the standard deviation of the balance's noise \[1/N\].
     pub(super) per_noise: f64,
+    /// How much curvature a dip makes at most, per way that the muscle goes back in it \[1/s²\].
+    pub(super) dip_per_s2: f64,
 }
 
 /// The least and the most that a sensor can read, as far as a record shows it by being clipped.
@@ -121,7 +123,7 @@ pub(super) struct Prepared {
     /// whether the muscle surely takes the encoder along, or may have gone back and come again.
     pub(super) sides: Vec<f64>,
     pub(super) in_contact: Vec<bool>,
-    pub(super) dips: Vec<bool>,
+    dips: Vec<bool>,
     /// Rows in which pressure and force are compared.
     pub(super) gas_rows: Vec<usize>,
     pub(super) force_rows: Vec<usize>,
@@ -385,9 +387,22 @@ impl Prepared {
         kernels.sort_by_key(Kernel::middle);
         let places = kernels.into_iter().map(|kernel| Place {
             per_noise: self.balance_noise_n(rig, weight, &kernel).recip(),
+            dip_per_s2: self.dip_per_s2(&kernel),
             kernel,
         });
         self.places = places.collect();
+    }
+
+    /// How much curvature dips make at most through `kernel`, per way that the muscle goes back in
+    /// them: it may be back by any share of that \[1/s²\].
+    fn dip_per_s2(&self, kernel: &Kernel) -> f64 {
+        let dips = &self.dips[kernel.rows.clone()];
+        let seconds = kernel.second.iter().zip(dips).filter(|(_, dips)| **dips);
+        let [up, down] = [1.0, -1.0].map(|sign: f64| {
+            let seconds = seconds.clone().map(|(second, _)| sign * second);
+            seconds.filter(|second| *second > 0.0).sum::<f64>()
+        });
+        up.max(down)
     }
 
     /// Standard deviation of the noise of the balance of forces through `kernel` \[N\].

@@ -216,20 +216,13 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
     let residuals = record.places.iter().map(|place| {
         let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
         let kernel = &place.kernel;
-        // In a dip the muscle may be back by any share of its way through the play.
-        let dips = &record.dips[kernel.rows.clone()];
-        let seconds = kernel.second.iter().zip(dips).filter(|(_, dips)| **dips);
-        let [up, down] = [1.0, -1.0].map(|sign: f64| {
-            let seconds = seconds.clone().map(|(second, _)| sign * second);
-            seconds.filter(|second| *second > 0.0).sum::<f64>()
-        });
-        let gone_per_s2 = 2.0 * play * up.max(down);
         for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
             balance_n += weight * row[0];
             reach_n += weight * row[1];
             mass_kg += weight * row[2];
         }
-        reach_n += mass_kg * load.initial_length_m * gone_per_s2;
+        let dip_per_s2 = 2.0 * play * place.dip_per_s2;
+        reach_n += mass_kg * load.initial_length_m * dip_per_s2;
         balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
