@@ -24,6 +24,8 @@ const EXHAUSTING: Parameter = Parameter {
     name: "exhausting_conductance_kg_per_pa_s",
     ..FILLING
 };
+/// Catalogues of pneumatic valves give 0.2 to 0.5.
+const CRITICAL_RATIO: Parameter = Parameter::new("critical_ratio", "1", (0.0, 0.6), 0.3);
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "flow-limit",
@@ -33,31 +35,18 @@ pub(super) const KIND: EffectKind = EffectKind {
     forms: &[
         Form {
             name: "choked-orifice",
-            parameters: &[FILLING, EXHAUSTING],
+            parameters: &[FILLING, EXHAUSTING, CRITICAL_RATIO],
             source: "Upper limits of the flow by ISO 6358-1 with the sonic conductance as mass \
-                     flow over upstream pressure, for the supply port and the exhaust port, both \
-                     with a critical ratio of 0.3. Leaves out temperature and a rounded onset.",
-            build: |values| orifices(values[0], values[1], VALVE_CRITICAL_RATIO, false),
-        },
-        Form {
-            name: "critical-ratio",
-            parameters: &[
-                Parameter {
-                    name: "conductance_kg_per_pa_s",
-                    ..FILLING
-                },
-                Parameter::new("critical_ratio", "1", (0.0, 0.6), 0.3),
-            ],
-            source: "Upper limits of the flow by ISO 6358-1, conductance and critical ratio the \
-                     same for both ports. Leaves out ports that differ and a rounded onset.",
-            build: |values| orifices(values[0], values[0], values[1], false),
+                     flow over upstream pressure, for the supply port and the exhaust port, and \
+                     one critical ratio for both. Leaves out temperature and a rounded onset.",
+            build: |values| orifices(values, false),
         },
         Form {
             name: "rounded",
-            parameters: &[FILLING, EXHAUSTING],
+            parameters: &[FILLING, EXHAUSTING, CRITICAL_RATIO],
             source: "The choked orifices in series with the valve's linear opening, G⁻² = Σ G⁻²: \
                      resistances of turbulent flow add so. Leaves out temperature.",
-            build: |values| orifices(values[0], values[1], VALVE_CRITICAL_RATIO, true),
+            build: |values| orifices(values, true),
         },
         Form {
             name: "saturation",
@@ -77,22 +66,14 @@ pub(super) const KIND: EffectKind = EffectKind {
     ],
 };
 
-/// Critical ratio of a valve's port, as catalogues of pneumatic valves give it.
-const VALVE_CRITICAL_RATIO: f64 = 0.3;
-
-fn orifices(
-    filling_kg_per_pa_s: f64,
-    exhausting_kg_per_pa_s: f64,
-    critical_ratio: f64,
-    rounded: bool,
-) -> Term {
+fn orifices(values: &[f64], rounded: bool) -> Term {
     let orifice = |conductance_kg_per_pa_s| Orifice {
         conductance_kg_per_pa_s,
-        critical_ratio,
+        critical_ratio: values[2],
     };
     Term::Valve(Box::new(Orifices {
-        filling: orifice(filling_kg_per_pa_s),
-        exhausting: orifice(exhausting_kg_per_pa_s),
+        filling: orifice(values[0]),
+        exhausting: orifice(values[1]),
         rounded,
     }))
 }

@@ -92,13 +92,21 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[PERIOD_S, DAMPING_RATIO],
             source: "The sensor at the end of a tube with a small volume: a Helmholtz resonator, \
                      which takes no air to speak of (Bergh & Tijdeman 1965, first mode). Leaves \
-                     out higher modes.",
-            build: |values| {
-                Term::Line(Box::new(SensorTube {
-                    period_s: values[0],
-                    damping_ratio: values[1],
-                }))
-            },
+                     out higher modes and turbulence.",
+            build: |values| sensor_tube(values[0], values[1], 0.0),
+        },
+        Form {
+            name: "turbulent-sensor-tube",
+            parameters: &[
+                PERIOD_S,
+                DAMPING_RATIO,
+                Parameter::new("turbulent_damping_per_pa", "1/Pa", (0.0, 1e-3), 4e-6),
+            ],
+            source: "The same with losses at the tube's ends, which go with the square of the \
+                     speed (Ingard & Ising 1967): the damping ratio grows with the swing, which is \
+                     the rate of the sensor's pressure over the angular frequency. Leaves out \
+                     higher modes.",
+            build: |values| sensor_tube(values[0], values[1], values[2]),
         },
     ],
 };
@@ -403,10 +411,26 @@ impl LineTerm for Inertance {
     }
 }
 
-/// The states are the sensor's pressure and its rate over the angular frequency.
+fn sensor_tube(period_s: f64, damping_ratio: f64, turbulent_damping_per_pa: f64) -> Term {
+    Term::Line(Box::new(SensorTube {
+        period_s,
+        damping_ratio,
+        turbulent_damping_per_pa,
+    }))
+}
+
+/// The states are the sensor's pressure and its rate over the angular frequency, the swing.
 struct SensorTube {
     period_s: f64,
     damping_ratio: f64,
+    turbulent_damping_per_pa: f64,
+}
+
+impl SensorTube {
+    /// The damping ratio at this swing.
+    fn damping_ratio(&self, swing_pa: f64) -> f64 {
+        self.damping_ratio + self.turbulent_damping_per_pa * swing_pa.abs()
+    }
 }
 
 impl Dynamics<LinePoint> for SensorTube {
@@ -424,7 +448,8 @@ impl Dynamics<LinePoint> for SensorTube {
 
     fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
         let angular_per_s = TAU / self.period_s;
-        let pull = at.muscle.0 / STATE_PA - state[0] - 2.0 * self.damping_ratio * state[1];
+        let damping_ratio = self.damping_ratio(state[1] * STATE_PA);
+        let pull = at.muscle.0 / STATE_PA - state[0] - 2.0 * damping_ratio * state[1];
         rates[0] = angular_per_s * state[1];
         rates[1] = angular_per_s * pull;
     }
@@ -451,7 +476,8 @@ impl LineTerm for SensorTube {
             let rate = (back * on_s + on * back_s) / (back_s + on_s);
             let bend = 2.0 * (on - back) / (back_s + on_s);
             let per_angle_s = self.period_s / TAU;
-            let ahead = per_angle_s * (2.0 * self.damping_ratio * rate + per_angle_s * bend);
+            let damping_ratio = self.damping_ratio(per_angle_s * rate);
+            let ahead = per_angle_s * (2.0 * damping_ratio * rate + per_angle_s * bend);
             ahead.is_finite().then_some(read_pa[row] + ahead)
         };
         let rows = read_pa.iter().enumerate();

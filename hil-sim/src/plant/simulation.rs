@@ -39,6 +39,8 @@ const GROWTH_MIN: f64 = 0.2;
 const GROWTH_MAX: f64 = 5.0;
 /// The share of the estimated step that is dared.
 const SAFETY: f64 = 0.9;
+/// The share of the estimated step below which one was taken for the drive's sake alone.
+const CUT_SHORT: f64 = 0.5;
 /// Relative error below which a step may grow by [`GROWTH_MAX`]: (SAFETY / GROWTH_MAX)⁵.
 const ERROR_NEGLIGIBLE: f64 = 1.889568e-4;
 /// Trial steps that are no steps: the error is not finite, say.
@@ -420,7 +422,11 @@ impl<const N: usize> Trajectory<N> {
             let step = self.trial(plant, drive, &rates, length_s);
             self.work.evaluations += 6;
             let error = self.relative_error(&step);
-            let fitting_s = length_s * growth(error);
+            let mut fitting_s = length_s * growth(error);
+            // What was cut short tells nothing of longer ones.
+            if error <= 1.0 && length_s < CUT_SHORT * self.step_s {
+                fitting_s = fitting_s.max(self.step_s);
+            }
             if error > 1.0 {
                 self.work.refused += 1;
                 self.step_s = fitting_s;

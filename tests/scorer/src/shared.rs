@@ -49,7 +49,7 @@ const fn not_first(shared: Shared) -> Shared {
 }
 
 /// Everything that is shared.
-pub static SHARED: [Shared; 16] = [
+pub static SHARED: [Shared; 18] = [
     first("dead-band", "sharp", "sharp", |of| {
         vec![("pressure_pa", of("threshold_pa"))]
     }),
@@ -78,6 +78,13 @@ pub static SHARED: [Shared; 16] = [
     first("valve-dead-zone", "sharp", "sharp", |of| {
         vec![("half_width_pa", of("width_pa"))]
     }),
+    first("flow-limit", "iso6358", "choked-orifice", |of| {
+        vec![
+            ("filling_conductance_kg_per_pa_s", of("fill_kg_per_pa_s")),
+            ("exhausting_conductance_kg_per_pa_s", of("vent_kg_per_pa_s")),
+            ("critical_ratio", of("critical_ratio")),
+        ]
+    }),
     first("transport-delay", "pure", "pure", |of| {
         vec![("delay_s", of("delay_s"))]
     }),
@@ -85,6 +92,18 @@ pub static SHARED: [Shared; 16] = [
         let period_s = 1.0 / of("frequency_hz");
         vec![("period_s", period_s), ("damping_ratio", of("damping"))]
     })),
+    not_first(first(
+        "line-dynamics",
+        "ringing-turbulent",
+        "turbulent-sensor-tube",
+        |of| {
+            vec![
+                ("period_s", 1.0 / of("frequency_hz")),
+                ("damping_ratio", of("damping")),
+                ("turbulent_damping_per_pa", 0.5 * of("turbulent_per_pa")),
+            ]
+        },
+    )),
     first("leak", "linear", "linear", |of| {
         vec![("conductance_kg_per_pa_s", of("conductance_kg_per_pa_s"))]
     }),

@@ -1,7 +1,7 @@
 //! What the instruments leave open: an encoder's play, when the muscle surely takes it along, and
 //! where the muscle is else; a sensor that rings.
 
-use super::prepared::Prepared;
+use super::prepared::{Prepared, without_vacuum};
 use crate::plant::Term;
 use crate::plant::sensors::SensorTerm;
 use crate::record::{CONTRACTION, PRESSURE_PA, Record};
@@ -150,6 +150,7 @@ impl Prepared {
                 let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
                 let mut way = way.clone().into_owned();
                 way.set(PRESSURE_PA, before_pa);
+                without_vacuum(rig, &mut way);
                 Some(Cow::Owned(way))
             });
             let ahead: Vec<_> = ahead.collect();

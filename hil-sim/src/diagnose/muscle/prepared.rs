@@ -8,7 +8,7 @@ use crate::check::{Check, Finding, Signal, check};
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA};
-use crate::rig::{Load, Rig, Weight};
+use crate::rig::{Gas, Load, Rig, Weight};
 use model_core::pressure::GaugePa;
 
 /// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
@@ -177,6 +177,25 @@ fn with_columns(record: &Record, names: &[&str]) -> Record {
     copy
 }
 
+/// Takes out of `measured` the pressures that no gas has, as a sensor at the end of a ringing tube
+/// may read them: they are not the muscle's. What is said of them.
+pub(super) fn without_vacuum(rig: &Rig, measured: &mut Record) -> Option<String> {
+    let gas = rig.gas.unwrap_or(Gas::STANDARD);
+    let mut pressure_pa = measured.column(PRESSURE_PA)?.to_vec();
+    let impossible = |pa: &f64| GaugePa(*pa).to_absolute(gas.atmospheric_pressure).0 <= 0.0;
+    let first = pressure_pa.iter().position(impossible)?;
+    let count = pressure_pa.iter().filter(|pa| impossible(pa)).count();
+    let first_s = measured.time_s()[first];
+    for pa in pressure_pa.iter_mut().filter(|pa| impossible(pa)) {
+        *pa = f64::NAN;
+    }
+    measured.set(PRESSURE_PA, pressure_pa);
+    Some(format!(
+        "`{PRESSURE_PA}` is below vacuum in {count} rows, the first at {first_s} s: muscle and \
+         load are not judged there"
+    ))
+}
+
 impl Prepared {
     pub(super) fn all<'a>(
         rig: &Rig,
@@ -204,9 +223,11 @@ impl Prepared {
             contraction: of(CONTRACTION).max(1e-7),
             force_n: of(FORCE_N).max(1e-3),
         };
-        let warnings = checked.warnings.iter().map(ToString::to_string).collect();
+        let mut warnings: Vec<String> = checked.warnings.iter().map(ToString::to_string).collect();
         let record = &thinned(record, &noise, rig.load == Load::Prescribed);
         let contraction = record.require(CONTRACTION)?;
+        let mut measured = with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]);
+        warnings.extend(without_vacuum(rig, &mut measured));
         let mut prepared = Prepared {
             gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
                 with_columns(
@@ -214,7 +235,7 @@ impl Prepared {
                     &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, SUPPLY_PA],
                 )
             }),
-            measured: with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]),
+            measured,
             noise,
             places: Vec::new(),
             stops: Vec::new(),
@@ -273,10 +294,11 @@ impl Prepared {
     fn weigh_forces(&mut self, rig: &Rig, record: &Record, repeatability_n: f64) {
         let contraction = record.column(CONTRACTION).unwrap_or_default();
         self.force_rows.retain(|row| !contraction[*row].is_nan());
-        if let Some(pressure_pa) = record.column(PRESSURE_PA) {
+        if let Some(pressure_pa) = self.measured.column(PRESSURE_PA) {
             let span = self.pressure_span;
             // The muscle's own pressure is not known there.
-            self.force_rows.retain(|row| !span.clips(pressure_pa[*row]));
+            let known = |pa: f64| !pa.is_nan() && !span.clips(pa);
+            self.force_rows.retain(|row| known(pressure_pa[*row]));
         }
         let per_noise = |row: &usize| {
             let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
@@ -483,6 +505,25 @@ mod tests {
         assert!(settled(&bench, &[&moving]));
         // One in motion tells that nobody waited.
         assert!(!settled(&weight, &[&held, &moving]));
+    }
+
+    /// A tube that rings reads −300 kPa: its rows are said and not judged, the others are.
+    #[test]
+    fn a_pressure_that_no_gas_has_is_none_of_the_muscles() {
+        let rings = |t: f64| if (3.0..3.05).contains(&t) { -3e5 } else { 2e5 };
+        let mut rung = record(rings, |_| 0.1);
+        rung.set(FORCE_N, vec![100.0; rung.time_s().len()]);
+        let prepared = Prepared::all(&Rig::reference(), [&rung].into_iter(), None);
+        let prepared = &prepared.expect("prepared")[0];
+        let said = "below vacuum in 5 rows, the first at 3 s";
+        assert!(prepared.warnings.iter().any(|words| words.contains(said)));
+        let judged = |row: &usize| !(300..305).contains(row);
+        assert!(prepared.force_rows.iter().all(judged));
+        assert!(prepared.force_rows.len() > 500);
+        let pressure_pa = prepared.measured.column(PRESSURE_PA).expect("a pressure");
+        assert!(pressure_pa.iter().all(|pa| pa.is_nan() || *pa > -1e5));
+        let mut places = prepared.places.iter();
+        assert!(places.all(|place| place.kernel.rows.clone().all(|row| judged(&row))));
     }
 
     /// 40 mm in a tenth of a second: the wide kernel has no room in it, and sees the stop.

@@ -177,13 +177,17 @@ pub(super) const DYNAMICS: &[Form] = &[
             turbulent_per_pa: 0.0,
         })
     }),
-    Form::new("ringing-turbulent", |size, _, rng| {
-        Drawn::new(Ringing {
-            frequency_hz: scale(size, 30.0, 6.0),
-            damping: between(rng, 0.05, 0.15),
-            turbulent_per_pa: between(rng, 0.2e-5, 1.0e-5),
-        })
-    }),
+    Form::standard(
+        "ringing-turbulent",
+        &["frequency_hz", "damping", "turbulent_per_pa"],
+        |size, _, rng| {
+            Drawn::new(Ringing {
+                frequency_hz: scale(size, 30.0, 6.0),
+                damping: between(rng, 0.05, 0.15),
+                turbulent_per_pa: between(rng, 0.2e-5, 1.0e-5),
+            })
+        },
+    ),
     Form::new("hose-resistance", |size, rig, _| {
         hose(rig, scale(size, 0.003, 0.025), None)
     }),

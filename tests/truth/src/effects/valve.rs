@@ -198,15 +198,14 @@ fn flow_limit(size: f64, rig: &Rig, ratio: f64, critical_ratio: f64, limited: Li
 }
 
 pub(super) const FLOW_LIMIT: &[Form] = &[
-    Form::new("iso6358", |size, rig, rng| {
-        flow_limit(
-            size,
-            rig,
-            between(rng, 0.7, 1.5),
-            between(rng, 0.2, 0.5),
-            f64::min,
-        )
-    }),
+    Form::standard(
+        "iso6358",
+        &["fill_kg_per_pa_s", "vent_kg_per_pa_s", "critical_ratio"],
+        |size, rig, rng| {
+            let (ratio, critical) = (between(rng, 0.7, 1.5), between(rng, 0.2, 0.5));
+            flow_limit(size, rig, ratio, critical, f64::min)
+        },
+    ),
     Form::new("smooth", |size, rig, rng| {
         let (ratio, critical) = (between(rng, 0.7, 1.5), between(rng, 0.2, 0.5));
         flow_limit(size, rig, ratio, critical, |flow, most| {
