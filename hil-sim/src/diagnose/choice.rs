@@ -9,11 +9,14 @@
 use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::sync::Mutex;
 
 /// Names that lead over all, and over each block alone.
 const LEADERS: [usize; 2] = [2, 2];
 /// Names that are tried beside a leader.
 const FOLLOWERS: usize = 3;
+/// Forms of an effect that are tried before it leads, where promises can be believed.
+const FORMS: usize = 2;
 /// Leading sets of which every form is tried.
 const VARIED: usize = 2;
 /// Leading sets whose fit is made exact.
@@ -142,6 +145,17 @@ struct Search<'a, 'b, M> {
     tried: Vec<Hypothesis>,
     /// What candidates promise beside sets, as long as the fits of these stay.
     promised: HashMap<Vec<usize>, Vec<f64>>,
+    /// What is needed beyond other forms: a set and its cost, a member's place, and the same of
+    /// what is without it.
+    beyond: Mutex<HashMap<(Compared, usize, Compared), bool>>,
+}
+
+/// A set as it was compared: its candidates, and the bits of its cost.
+type Compared = (Vec<usize>, u64);
+
+fn compared(hypothesis: &Hypothesis) -> Compared {
+    let cost = hypothesis.fit.score().to_bits();
+    (hypothesis.candidates.clone(), cost)
 }
 
 impl<M: Model> Search<'_, '_, M> {
@@ -494,8 +508,20 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Whether the member at `place` of `hypothesis` explains what no other form of the other
-    /// members would, which are all that is in `without`.
+    /// members would, which are all that is in `without`; computed once.
     fn beyond_form(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
+        let key = (compared(hypothesis), place, compared(without));
+        let known = || self.beyond.lock().ok()?.get(&key).copied();
+        known().unwrap_or_else(|| {
+            let beyond = self.is_beyond_form(hypothesis, place, without);
+            if let Ok(mut known) = self.beyond.lock() {
+                known.insert(key, beyond);
+            }
+            beyond
+        })
+    }
+
+    fn is_beyond_form(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
         let mut others = hypothesis.candidates.clone();
         let own = others.remove(place);
         let tied = self.engine.tied(hypothesis, own);
@@ -626,12 +652,16 @@ impl<M: Model> Search<'_, '_, M> {
         let worth = |candidate: &usize| {
             let all = self.engine.model.candidates();
             let blocks = &all[*candidate].blocks;
+            let same = |c: &usize| all[*c].effect == all[*candidate].effect;
+            let better = |c: &usize| promises[*c] > promises[*candidate];
+            let better = (0..all.len()).filter(same).filter(better).count();
             let rivals =
                 (0..all.len()).filter(|c| all[*c].blocks.iter().any(|b| blocks.contains(b)));
             let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
             let unsure = |block: &usize| !self.engine.model.proportional(*block);
             let least = PROMISE.max(share * most);
-            promises[*candidate] > least || blocks.iter().all(unsure)
+            let few = better < FORMS || blocks.iter().any(unsure);
+            promises[*candidate] > least && few || blocks.iter().all(unsure)
         };
         let candidates = (0..self.engine.model.candidates().len()).filter(worth);
         let mut sets: Vec<Vec<usize>> = candidates.map(|candidate| vec![candidate]).collect();
@@ -694,6 +724,7 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         watch,
         tried: vec![null.clone()],
         promised: HashMap::new(),
+        beyond: Mutex::default(),
     };
     search.run(&null)?;
     let best = search.taken().unwrap_or_else(|| null.clone());

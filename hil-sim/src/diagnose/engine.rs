@@ -623,6 +623,11 @@ impl<'a, M: Model> Engine<'a, M> {
 
     /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are.
     pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
+        let groups = self.groups(&hypothesis.candidates).into_iter();
+        let mut own = groups.filter(|(blocks, _)| *blocks == [block]);
+        if let Some((blocks, candidates)) = own.next() {
+            return Some(self.group(&blocks, &candidates)?.score());
+        }
         let fit = self.refitted(hypothesis, (&[block], &hypothesis.candidates), LOOSE, false)?;
         Some(fit.score())
     }

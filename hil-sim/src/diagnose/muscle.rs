@@ -325,7 +325,7 @@ impl Model for MuscleModel {
 
     /// Where the weight rests, friction takes up what it can.
     fn proportional(&self, block: usize) -> bool {
-        self.blocks[block] == GAS
+        self.blocks[block] != LOAD
     }
 
     /// What a bench does not repeat is off for a whole run, not from row to row.
