@@ -122,12 +122,14 @@ fn nearest(name: &str, hidden: &Value) -> String {
     let number = |key: &str| hidden[key].as_f64().unwrap_or(0.0);
     let parameters = match name {
         "hysteresis" if hidden["share"].is_array() => {
-            let reach = |i: usize| hidden["reach"][i].as_f64().unwrap_or(0.0);
+            let of = |key: &str, i: usize| hidden[key][i].as_f64().unwrap_or(0.0);
+            let spread = of("reach", 3) / of("reach", 0);
             format!(
-                "force_n = {:?}\nreach = {:?}\nspread = {:?}\nbase_share = 0.0",
+                "force_n = {:?}\nreach = {:?}\nspread = {spread:?}\ntaper = {:?}\n\
+                 base_share = 0.0",
                 number("half_width_n"),
-                (reach(0) * reach(3)).sqrt(),
-                reach(3) / reach(0)
+                (of("reach", 0) * of("reach", 3)).sqrt(),
+                (of("share", 0) / of("share", 3)).ln() / spread.ln(),
             )
         }
         "hysteresis" if hidden["sharpness"].is_number() => format!(

@@ -93,7 +93,7 @@ fn an_experiment_is_played_on_the_firmware() {
     let folder = tempfile::tempdir().expect("a folder");
     let rig = include_str!("../src/reference_rig.toml").to_owned();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nforce_n = 20.0\n\
-                  reach = 0.01\nspread = 8.0\nbase_share = 0.0\n";
+                  reach = 0.01\nspread = 8.0\ntaper = 0.0\nbase_share = 0.0\n";
     std::fs::write(folder.path().join("hidden.toml"), rig + hidden).expect("written");
     let drive = [
         "--rig",

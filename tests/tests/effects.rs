@@ -367,21 +367,21 @@ const STROKES: [(f64, f64); 6] = [
     (4.0, 0.15),
 ];
 
-fn hysteresis(form: &str, third: (&str, f64)) -> String {
-    with_base(form, third, 0.0)
+fn hysteresis(form: &str, own: &[(&str, f64)]) -> String {
+    with_base(form, own, 0.0)
 }
 
-fn with_base(form: &str, third: (&str, f64), base_share: f64) -> String {
-    let base = ("base_share", base_share);
-    let parameters = [("force_n", 20.0), ("reach", REACH), third, base];
+fn with_base(form: &str, own: &[(&str, f64)], base_share: f64) -> String {
+    let all = [("force_n", 20.0), ("reach", REACH)];
+    let parameters = [&all, own, &[("base_share", base_share)]].concat();
     effect("hysteresis", form, &parameters)
 }
 
 fn hystereses() -> [String; 3] {
     [
-        hysteresis("maxwell-slip", ("spread", 2.0)),
-        hysteresis("bouc-wen", ("sharpness", 2.0)),
-        hysteresis("duhem", ("asymmetry", 1.5)),
+        hysteresis("maxwell-slip", &[("spread", 2.0), ("taper", 0.5)]),
+        hysteresis("bouc-wen", &[("sharpness", 2.0)]),
+        hysteresis("duhem", &[("asymmetry", 1.5)]),
     ]
 }
 
@@ -421,14 +421,14 @@ fn hysteresis_opposes_the_motion_in_proportion_to_pressure() {
 /// At pressure p it is s + (1 − s) · p / 300 kPa of what it is at 300 kPa.
 #[test]
 fn a_share_of_the_hysteresis_is_there_without_pressure() {
-    for (form, third) in [
-        ("maxwell-slip", ("spread", 2.0)),
-        ("bouc-wen", ("sharpness", 2.0)),
-        ("duhem", ("asymmetry", 1.5)),
+    for (form, own) in [
+        ("maxwell-slip", &[("spread", 2.0), ("taper", 0.5)][..]),
+        ("bouc-wen", &[("sharpness", 2.0)]),
+        ("duhem", &[("asymmetry", 1.5)]),
     ] {
         let at = |pressure_pa: f64, base_share: f64| {
             let record = bench(STEP_S, 401, through(STROKES), |_| pressure_pa);
-            added_n(&with_base(form, third, base_share), &record)
+            added_n(&with_base(form, own, base_share), &record)
         };
         let (with, without) = (at(1e5, 0.3), at(3e5, 0.0));
         let expected: Vec<f64> = without.iter().map(|n| n * (0.3 + 0.7 / 3.0)).collect();
@@ -436,19 +436,22 @@ fn a_share_of_the_hysteresis_is_there_without_pressure() {
     }
 }
 
-/// Each element: 1 − min(x/r, 2) at a distance x from a reversal that was reached in full.
+/// Each element: 1 − min(x/r, 2) at a distance x from a reversal that was reached in full, its
+/// height falling with the taper's power of r.
 #[test]
 fn maxwell_slip_is_the_sum_of_its_elements_and_closes_minor_loops() {
-    for spread in [1.0, 2.0] {
+    for (spread, taper) in [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)] {
         let added = added_n(
-            &hysteresis("maxwell-slip", ("spread", spread)),
+            &hysteresis("maxwell-slip", &[("spread", spread), ("taper", taper)]),
             &bench(STEP_S, 401, through(STROKES), |_| 3e5),
         );
         for (row, added) in added.iter().enumerate().take(201).skip(101) {
             let way = 0.1 * (row - 100) as f64 * STEP_S;
             let reach = |i: i32| REACH * f64::powf(spread, f64::from(i) / 5.0 - 0.5);
-            let share = |i: i32| 1.0 - (way / reach(i)).min(2.0);
-            let expected_n = -20.0 * (0..6).map(share).sum::<f64>() / 6.0;
+            let height = |i: i32| reach(i).powf(-taper);
+            let held = |i: i32| height(i) * (1.0 - (way / reach(i)).min(2.0));
+            let expected_n =
+                -20.0 * (0..6).map(held).sum::<f64>() / (0..6).map(height).sum::<f64>();
             assert_near(*added, expected_n, 1e-6, "on the way out");
         }
         assert_near(added[280], added[200], 1e-6, "the minor loop");
@@ -464,8 +467,8 @@ fn bouc_wen_and_duhem_follow_their_closed_forms() {
         |_| 3e5,
     );
     let contraction = |row: usize| 0.1 * row as f64 * STEP_S;
-    let tanh = added_n(&hysteresis("bouc-wen", ("sharpness", 2.0)), &record);
-    let dahl = added_n(&hysteresis("duhem", ("asymmetry", 2.0)), &record);
+    let tanh = added_n(&hysteresis("bouc-wen", &[("sharpness", 2.0)]), &record);
+    let dahl = added_n(&hysteresis("duhem", &[("asymmetry", 2.0)]), &record);
     for row in 0..=100 {
         let ways = contraction(row) / REACH;
         assert_near(tanh[row], -20.0 * ways.tanh(), 1e-5, "drawing in");
@@ -1450,7 +1453,7 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
     assert_eq!(found, named.collect::<Vec<_>>());
     for (kind, form) in every_form() {
         let what = format!("{} {}", kind.name, form.name);
-        assert!(form.parameters.len() <= 4, "{what}");
+        assert!(form.parameters.len() <= 5, "{what}");
         let same_name = kind.forms.iter().filter(|other| other.name == form.name);
         assert_eq!(same_name.count(), 1, "{what}");
         for parameter in form.parameters {

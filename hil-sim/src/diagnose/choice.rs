@@ -43,8 +43,8 @@ const SHARE_OF_MEMBER: f64 = 0.4;
 const SHARE_OF_REST: f64 = 0.2;
 /// A size is none below this share of the usual one.
 const NOTHING: f64 = 1e-6;
-/// Share of what the others gain that a member must gain: no form is known better than 5 %.
-const SHARE_OF_ALL: f64 = 0.05 * 0.05;
+/// Share of what the others gain that a member must gain: no form is known better than 12 %.
+const SHARE_OF_ALL: f64 = 0.12 * 0.12;
 /// Share of what its blocks cost without it that it must gain beside others: what their forms leave
 /// is not white, and weighs more than noise.
 const SHARE_OF_WHOLE: f64 = 0.05;
@@ -255,6 +255,12 @@ impl<M: Model> Search<'_, '_, M> {
             leaders.truncate(1);
             return leaders;
         }
+        // What leads may have taken the rig far, where nothing is named.
+        let near = |h: &Hypothesis| self.score(h) + h.fit.prior / SHARE_OF_PRIOR;
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let nearest = of_size.min_by(|a, b| near(a).total_cmp(&near(b)));
+        let nearest = nearest.map(|nearest| nearest.candidates.clone());
+        leaders.extend(nearest.filter(|nearest| !leaders.contains(nearest)));
         for part in &null.fit.parts {
             if excess_of(&null.fit, part.block) < GAIN {
                 continue;

@@ -29,17 +29,20 @@ pub(super) const KIND: EffectKind = EffectKind {
                 FORCE_N,
                 REACH,
                 Parameter::new("spread", "1", (1.0, 300.0), 8.0).log(),
+                Parameter::new("taper", "1", (0.0, 2.0), 0.5),
                 BASE_SHARE,
             ],
             source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction, half \
                      the loop's width at 300 kPa as its size; the thresholds in a geometric \
-                     progression about the reach, the largest the spread times the smallest; Shin \
-                     & Kogiso 2020, Tondu 2012. Leaves out loops that are wider one way than the \
-                     other.",
+                     progression about the reach, the largest the spread times the smallest, the \
+                     heights falling with this power of them; Shin & Kogiso 2020, Tondu 2012. \
+                     Leaves out loops that are wider one way than the other.",
             build: |values| {
+                let thresholds = thresholds(values[1], values[2]);
                 Term::Muscle(Box::new(MaxwellSlip {
                     size: Size::new(values),
-                    thresholds: thresholds(values[1], values[2]),
+                    thresholds,
+                    shares: shares(&thresholds, values[3]),
                 }))
             },
         },
@@ -116,12 +119,21 @@ struct MaxwellSlip {
     size: Size,
     /// How far the spring of each element can be stretched \[-\].
     thresholds: [f64; ELEMENTS],
+    /// Share of the whole that each holds then \[-\].
+    shares: [f64; ELEMENTS],
 }
 
 /// A geometric progression about `reach`, the last `spread` times the first.
 fn thresholds(reach: f64, spread: f64) -> [f64; ELEMENTS] {
     let place = |i| i as f64 / (ELEMENTS - 1) as f64 - 0.5;
     core::array::from_fn(|i| reach * spread.powf(place(i)))
+}
+
+/// Together 1, and falling with a power of the thresholds.
+fn shares(thresholds: &[f64; ELEMENTS], taper: f64) -> [f64; ELEMENTS] {
+    let heights = thresholds.map(|threshold| (threshold / thresholds[0]).powf(-taper));
+    let whole: f64 = heights.iter().sum();
+    heights.map(|height| height / whole)
 }
 
 impl Dynamics<MusclePoint> for MaxwellSlip {
@@ -151,11 +163,11 @@ impl Dynamics<MusclePoint> for MaxwellSlip {
 
 impl MuscleTerm for MaxwellSlip {
     fn force_n(&self, at: &MusclePoint, _: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let elements = state.iter().zip(&self.thresholds);
-        let stretch = elements
-            .map(|(slider, threshold)| ((at.contraction - slider) / threshold).clamp(-1.0, 1.0));
-        let share = stretch.sum::<f64>() / ELEMENTS as f64;
-        self.size.opposing(at, share, force_n)
+        let elements = state.iter().zip(&self.thresholds).zip(&self.shares);
+        let held = elements.map(|((slider, threshold), share)| {
+            share * ((at.contraction - slider) / threshold).clamp(-1.0, 1.0)
+        });
+        self.size.opposing(at, held.sum(), force_n)
     }
 
     fn remembers(&self) -> bool {

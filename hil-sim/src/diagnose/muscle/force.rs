@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn a_begin_is_forgotten_where_both_its_ends_have_met() {
         for form in [
-            "maxwell-slip\"\nspread = 4.0",
+            "maxwell-slip\"\nspread = 4.0\ntaper = 0.5",
             "duhem\"\nasymmetry = 1.5",
             "bouc-wen\"\nsharpness = 2.0",
         ] {
