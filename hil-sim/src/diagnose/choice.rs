@@ -55,9 +55,9 @@ const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
 /// The same where they plainly leave something in a block that they change: half the square of two
-/// noises. Of hidden effects the right name has left less than two tenths there, also in another
-/// form; a wrong one in its place up to three.
-const SHARE_PLAIN: f64 = 0.8;
+/// noises. Of hidden effects the right name has left less than a tenth there, also in another form;
+/// a wrong one in its place up to three.
+const SHARE_PLAIN: f64 = 0.9;
 const PLAIN: f64 = 2.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
 const SHARE_LEFT: f64 = 0.15;

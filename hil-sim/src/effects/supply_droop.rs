@@ -16,6 +16,9 @@ const RESERVOIR_VOLUME_M3: Parameter =
 
 const RECOVERY_TIME_S: Parameter = Parameter::new("recovery_time_s", "s", (1e-3, 1e3), 1.0).log();
 
+const REFILL: Parameter =
+    Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log();
+
 pub(super) const KIND: EffectKind = EffectKind {
     name: "supply-droop",
     block: "supply",
@@ -40,33 +43,37 @@ pub(super) const KIND: EffectKind = EffectKind {
         },
         Form {
             name: "orifice",
-            parameters: &[
-                RESERVOIR_VOLUME_M3.neutral(LARGE_M3),
-                Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log(),
-            ],
+            parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), REFILL],
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
                      ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
                      a regulator's own dynamics.",
-            build: |values| {
-                Term::Supply(Box::new(Reservoir {
-                    volume_m3: values[0],
-                    refill: Refill::Orifice(Orifice {
-                        conductance_kg_per_pa_s: values[1],
-                        critical_ratio: 0.5,
-                    }),
-                    checked: false,
-                }))
-            },
+            build: |values| orifice(values, false),
+        },
+        Form {
+            name: "checked-orifice",
+            parameters: &[RESERVOIR_VOLUME_M3, REFILL],
+            source: "The same behind a check valve. Leaves out a regulator's own dynamics.",
+            build: |values| orifice(values, true),
         },
     ],
 };
 
 fn linear(values: &[f64], checked: bool) -> Term {
-    let refill = Refill::Linear {
-        recovery_time_s: values[1],
+    let recovery_time_s = values[1];
+    reservoir(values[0], Refill::Linear { recovery_time_s }, checked)
+}
+
+fn orifice(values: &[f64], checked: bool) -> Term {
+    let orifice = Orifice {
+        conductance_kg_per_pa_s: values[1],
+        critical_ratio: 0.5,
     };
+    reservoir(values[0], Refill::Orifice(orifice), checked)
+}
+
+fn reservoir(volume_m3: f64, refill: Refill, checked: bool) -> Term {
     Term::Supply(Box::new(Reservoir {
-        volume_m3: values[0],
+        volume_m3,
         refill,
         checked,
     }))
