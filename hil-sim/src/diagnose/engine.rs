@@ -621,7 +621,8 @@ impl<'a, M: Model> Engine<'a, M> {
         problem.fit(&found)
     }
 
-    /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are.
+    /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are; what
+    /// is known where nothing ties it to others.
     pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
         let groups = self.groups(&hypothesis.candidates).into_iter();
         let mut own = groups.filter(|(blocks, _)| *blocks == [block]);

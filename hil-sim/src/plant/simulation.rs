@@ -727,3 +727,43 @@ fn bracket(to: f64, width_max: f64, margin: impl Fn(f64) -> f64) -> (f64, f64) {
     }
     (yes, no)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plant::Simulated;
+
+    /// A reference that arrives a little after each row cuts that off; the rest of the row is no
+    /// more work for it.
+    #[test]
+    fn a_stretch_that_is_cut_short_leaves_the_next_step_as_long_as_it_was() {
+        const ROWS: u32 = 400;
+        let steps = |delay_s: f64| {
+            let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+            let delay = format!("[[effect]]\nname = \"transport-delay\"\ndelay_s = {delay_s:?}\n");
+            let rig = Rig::parse("rig.toml", &(text + &delay)).expect("a rig");
+            let clamped = Simulated {
+                pressure: true,
+                motion: false,
+            };
+            let plant = Plant::new(&rig, clamped).expect("a plant");
+            let drive = |row: u32| Drive {
+                reference: GaugePa(2e5 + 5e3 * f64::from(row).sin()),
+                contraction_rate_per_s: 0.01 * f64::from(row).cos(),
+                ..Drive::default()
+            };
+            let initial = Initial::vented(&plant);
+            let mut simulation = Simulation::new(plant, &initial, &drive(0), TOLERANCE);
+            for row in 0..ROWS {
+                let until_s = 0.01 * f64::from(row + 1);
+                let advanced = simulation.advance(&drive(row), until_s);
+                advanced.expect("a solution");
+            }
+            simulation.work().steps
+        };
+        let (whole, cut) = (steps(0.03), steps(0.03003));
+        // One more for each row, and a few that are tried.
+        let most = whole + u64::from(ROWS) * 5 / 4;
+        assert!(cut <= most, "{whole}, {cut}");
+    }
+}
