@@ -138,7 +138,7 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
         (Some(input), _) => input,
         (None, Some(first)) => {
             let (row, pressure) = (measured_pressure.rows[0], truth(*first, 0.0).pressure);
-            above_vacuum(&plant, record, row, pressure)?
+            above_vacuum(plant.atmospheric, record, row, pressure)?
         }
         // The valve takes the muscle to its reference, as far as the supply reaches.
         (None, None) => {

@@ -7,7 +7,7 @@ use crate::plant::simulation::{Initial, Simulation, SimulationError};
 use crate::plant::{Drive, Plant, Ramp, Simulated};
 use crate::record::{self, Record};
 use crate::rig::{Load, Rig};
-use model_core::pressure::GaugePa;
+use model_core::pressure::{AbsolutePa, GaugePa};
 use std::ops::ControlFlow;
 
 /// What comes in, row by row: measured signals turned into the truth at their place, gaps filled.
@@ -65,12 +65,12 @@ pub fn simulated(rig: &Rig, record: &Record) -> Simulated {
 
 /// Refuses a pressure that no gas has.
 pub(crate) fn above_vacuum(
-    plant: &Plant,
+    atmospheric: AbsolutePa<f64>,
     record: &Record,
     row: usize,
     pressure: GaugePa<f64>,
 ) -> Result<GaugePa<f64>, BadInput> {
-    if pressure.to_absolute(plant.atmospheric).0 > 0.0 {
+    if pressure.to_absolute(atmospheric).0 > 0.0 {
         return Ok(pressure);
     }
     let expected = format!("a gauge pressure above vacuum, found {}", pressure.0);
@@ -114,7 +114,7 @@ impl<'a> Inputs<'a> {
             let (pressure_pa, contraction) = (of(&pressure_pa, row), of(&contraction, row));
             let truth = at_row(row, pressure_pa.unwrap_or(0.0), contraction.unwrap_or(0.0));
             if pressure_pa.is_some() {
-                let pressure = above_vacuum(&plant, record, row, truth.pressure)?;
+                let pressure = above_vacuum(plant.atmospheric, record, row, truth.pressure)?;
                 inputs.pressure_pa.push(pressure.0);
             }
             if contraction.is_some() {

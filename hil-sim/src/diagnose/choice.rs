@@ -15,8 +15,10 @@ use std::sync::Mutex;
 const LEADERS: [usize; 2] = [2, 2];
 /// Names that are tried beside a leader.
 const FOLLOWERS: usize = 3;
-/// Forms of an effect that are tried before it leads, where promises can be believed.
+/// Forms of an effect that are tried before it leads, where promises can be believed, beside those
+/// that promise no less than one over this of theirs.
 const FORMS: usize = 2;
+const BETTER: f64 = 2.0;
 /// Leading sets of which every form is tried.
 const VARIED: usize = 2;
 /// Leading sets whose fit is made exact.
@@ -33,7 +35,7 @@ const GAIN: f64 = 24.0;
 const WORSE: f64 = 16.0;
 /// Promised gain that is worth a fit where nothing is above the noise.
 const PROMISE: f64 = 10.0;
-/// Share of what another effect on the same block promises that is worth a fit.
+/// Share of what another effect on no other block promises that is worth a fit.
 const SHARE_OF_PROMISE: f64 = 0.03;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
@@ -55,9 +57,9 @@ const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
 const SHARE: f64 = 0.7;
 /// The same where they plainly leave something in a block that they change: half the square of two
-/// noises. Of hidden effects the right name has left less than a tenth there, also in another form;
-/// a wrong one in its place up to three.
-const SHARE_PLAIN: f64 = 0.9;
+/// noises. Of hidden effects the right name has left less than two tenths there, also in another
+/// form, and so it does on real rigs; a wrong one in its place up to three.
+const SHARE_PLAIN: f64 = 0.8;
 const PLAIN: f64 = 2.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
 const SHARE_LEFT: f64 = 0.15;
@@ -143,8 +145,6 @@ struct Search<'a, 'b, M> {
     watch: Watch<'b>,
     /// All that was tried.
     tried: Vec<Hypothesis>,
-    /// What candidates promise beside sets, as long as the fits of these stay.
-    promised: HashMap<Vec<usize>, Vec<f64>>,
     /// What is needed beyond other forms: a set and its cost, a member's place, and the same of
     /// what is without it.
     beyond: Mutex<HashMap<(Compared, usize, Compared), bool>>,
@@ -224,7 +224,6 @@ impl<M: Model> Search<'_, '_, M> {
             let same = |h: &&mut Hypothesis| h.candidates == new.candidates;
             match self.tried.iter_mut().find(same) {
                 Some(known) if new.fit.score() < known.fit.score() => {
-                    self.promised.remove(&new.candidates);
                     *known = new;
                 }
                 Some(known) => known.polished |= new.polished,
@@ -287,17 +286,6 @@ impl<M: Model> Search<'_, '_, M> {
         leaders
     }
 
-    /// What each candidate promises beside `known`.
-    fn promises(&mut self, known: &Hypothesis) -> Option<Vec<f64>> {
-        if let Some(promises) = self.promised.get(&known.candidates) {
-            return Some(promises.clone());
-        }
-        let promises = self.engine.promises(known)?;
-        let candidates = known.candidates.clone();
-        self.promised.insert(candidates, promises.clone());
-        Some(promises)
-    }
-
     /// Whether no candidate promises more than noise gives.
     fn only_noise(&self, promises: &[f64]) -> bool {
         let mut promises = promises.iter().enumerate();
@@ -307,7 +295,7 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Leaders joined with what promises most beside them.
-    fn joined(&mut self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
+    fn joined(&self, leaders: &[Vec<usize>]) -> Vec<Vec<usize>> {
         let mut sets = Vec::new();
         for leader in leaders {
             for set in self.beside(leader, &[]) {
@@ -321,9 +309,9 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// A set that was tried with what promises most beside it, of other names than its own and
     /// `barred` ones.
-    fn beside(&mut self, leader: &[usize], barred: &[&str]) -> Vec<Vec<usize>> {
-        let known = self.tried.iter().find(|h| h.candidates == leader).cloned();
-        let Some(promises) = known.and_then(|known| self.promises(&known)) else {
+    fn beside(&self, leader: &[usize], barred: &[&str]) -> Vec<Vec<usize>> {
+        let known = self.tried.iter().find(|h| h.candidates == leader);
+        let Some(promises) = known.and_then(|known| self.engine.promises(known)) else {
             return Vec::new();
         };
         let mut order: Vec<usize> = (0..promises.len()).collect();
@@ -659,14 +647,14 @@ impl<M: Model> Search<'_, '_, M> {
             let all = self.engine.model.candidates();
             let blocks = &all[*candidate].blocks;
             let same = |c: &usize| all[*c].effect == all[*candidate].effect;
-            let better = |c: &usize| promises[*c] > promises[*candidate];
+            let better = |c: &usize| promises[*c] > BETTER * promises[*candidate];
             let better = (0..all.len()).filter(same).filter(better).count();
             let rivals =
-                (0..all.len()).filter(|c| all[*c].blocks.iter().any(|b| blocks.contains(b)));
+                (0..all.len()).filter(|c| all[*c].blocks.iter().all(|b| blocks.contains(b)));
             let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
             let unsure = |block: &usize| !self.engine.model.proportional(*block);
             let least = PROMISE.max(share * most);
-            let few = better < FORMS || blocks.iter().any(unsure);
+            let few = share == 0.0 || better < FORMS || blocks.iter().any(unsure);
             promises[*candidate] > least && few || blocks.iter().all(unsure)
         };
         let candidates = (0..self.engine.model.candidates().len()).filter(worth);
@@ -702,6 +690,7 @@ impl<M: Model> Search<'_, '_, M> {
                 } else {
                     left < GAIN
                         && self
+                            .engine
                             .promises(&taken)
                             .is_some_and(|promises| self.only_noise(&promises))
                 };
@@ -729,7 +718,6 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         engine,
         watch,
         tried: vec![null.clone()],
-        promised: HashMap::new(),
         beyond: Mutex::default(),
     };
     search.run(&null)?;

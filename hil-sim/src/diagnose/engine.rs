@@ -5,14 +5,15 @@
 //! fit moves nominal values within their priors and the parameters of some candidates. Blocks that
 //! no candidate ties together are fitted apart, and what was fitted once is kept.
 
+mod promises;
 mod reshaped;
 
 use super::least_squares::{
-    Found, Goal, Linearized, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
+    Found, Goal, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
 };
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Mutex;
 
 /// One parameter of a candidate.
@@ -236,10 +237,6 @@ const STEP: f64 = 1e-3;
 const START_FACTOR: f64 = 4.0;
 /// Starts of an effect that are followed.
 const STARTS: usize = 2;
-/// Share of the largest promise from a first start up to which others are not looked at.
-const SHARE_OF_FIRST: f64 = 0.1;
-/// Share of a start at which an effect begins.
-const SMALL: f64 = 1e-2;
 /// For a place to begin.
 const ROUGH: Goal = Goal {
     relative: 1e-2,
@@ -533,6 +530,7 @@ pub struct Engine<'a, M> {
     /// The model.
     pub model: &'a M,
     fits: Mutex<HashMap<Key, Option<Fit>>>,
+    promised: Mutex<HashMap<(promises::Place, usize), f64>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -562,6 +560,7 @@ impl<'a, M: Model> Engine<'a, M> {
         Engine {
             model,
             fits: Mutex::default(),
+            promised: Mutex::default(),
         }
     }
 
@@ -755,7 +754,12 @@ impl<'a, M: Model> Engine<'a, M> {
     fn tightened(&self, hypothesis: &Hypothesis, edged: bool) -> Option<Hypothesis> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            joint.join(self.refitted(hypothesis, (&blocks, &touching), TIGHT, edged)?);
+            joint.join(if touching.is_empty() && !edged {
+                // It is tight already.
+                self.group(&blocks, &touching)?
+            } else {
+                self.refitted(hypothesis, (&blocks, &touching), TIGHT, edged)?
+            });
         }
         let tightened = self.finished(hypothesis.candidates.clone(), joint)?;
         Some(Hypothesis {
@@ -894,83 +898,6 @@ impl<'a, M: Model> Engine<'a, M> {
         Some(hypothesis.candidates.iter().map(of).collect())
     }
 
-    /// What each candidate promises beyond `base`: by how much it would lower the cost of all
-    /// records, if residuals changed in proportion to it, nominal values and effects of `base`
-    /// moved with it; the best of its starts. The predicted records count, as an effect may not be
-    /// moved in the others. Costs one evaluation a start, or two; beside others, what promises
-    /// little from its first start is left at that.
-    pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
-        let groups = self.groups(&base.candidates);
-        // What a candidate touches stands or falls together.
-        let touched = |candidate: &Candidate| -> (Vec<usize>, Vec<usize>) {
-            let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
-            let touched = groups.iter().filter(|(blocks, _)| own(blocks));
-            let (mut blocks, mut candidates) = (Vec::new(), Vec::new());
-            for (of_blocks, of_candidates) in touched {
-                blocks.extend(of_blocks);
-                candidates.extend(of_candidates);
-            }
-            (blocks, candidates)
-        };
-        let all = self.model.candidates();
-        let mut bases = BTreeMap::new();
-        for touched in all.iter().map(touched).collect::<BTreeSet<_>>() {
-            let (blocks, candidates) = &touched;
-            let free = self.free(blocks);
-            let x = self.coordinates(base, &free, candidates);
-            let mut problem = Problem::new(self.model, blocks, &free, candidates);
-            problem.records = self.model.records();
-            let found = at(&mut problem, DVector::from_vec(x))?;
-            let slopes = problem.slopes(&found.x, &found.residuals)?;
-            let mut priors = problem.priors(&found.x);
-            // What moving `base` alone would gain is nobody's promise.
-            let least = linearized_least(&found.residuals, &slopes, &priors);
-            priors.push((0.0, 0.0));
-            bases.insert(touched, (found.residuals, slopes, priors, least));
-        }
-        let promise = |place: usize, start: &[f64]| {
-            let candidate = &all[place];
-            let touched = touched(candidate);
-            let (residuals, slopes, priors, least) = &bases[&touched];
-            let values = candidate.parameters.iter().zip(start);
-            let mut with = base.fit.effects.clone();
-            with.push((place, values.map(|(p, x)| p.value(*x)).collect()));
-            let with = (&base.fit.nominal[..], &with[..]);
-            let moves = |block| candidate.blocks.contains(&block);
-            let pieces = (self.model.records(), &touched.0[..]);
-            let change = change(self.model, pieces, &moves, with, (residuals, false))?;
-            Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
-        };
-        // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
-        let begins = |place: usize, start: &[f64]| {
-            let mut blocks = all[place].blocks.iter();
-            if blocks.all(|block| self.model.proportional(*block)) {
-                return None;
-            }
-            promise(place, &small(&all[place].parameters, start))
-        };
-        let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
-        let first = starts.par_iter().enumerate();
-        let first = first.map(|(place, starts)| {
-            let start = starts.first()?;
-            let promises = [promise(place, start), begins(place, start)];
-            promises.into_iter().flatten().reduce(f64::max)
-        });
-        let first: Vec<Option<f64>> = first.collect();
-        let most = first.iter().flatten().copied().fold(0.0, f64::max);
-        let best = |(place, (starts, first)): (usize, (&Vec<Vec<f64>>, &Option<f64>))| {
-            let little = first.filter(|first| *first < SHARE_OF_FIRST * most);
-            if let Some(first) = little.filter(|_| !base.candidates.is_empty()) {
-                return first.max(0.0);
-            }
-            let others = starts.par_iter().skip(1);
-            let others = others.filter_map(|start| promise(place, start));
-            others.reduce(|| 0.0, f64::max).max(first.unwrap_or(0.0))
-        };
-        let pairs = starts.par_iter().zip(&first);
-        Some(pairs.enumerate().map(best).collect())
-    }
-
     /// Where the fit of `hypothesis` is, in the coordinates of a problem.
     fn coordinates(
         &self,
@@ -995,27 +922,6 @@ impl<'a, M: Model> Engine<'a, M> {
         let joint = self.joined(&candidates)?;
         self.finished(candidates, joint)
     }
-}
-
-/// The least cost of residuals that change in proportion to coordinates.
-fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) -> f64 {
-    let linearized = Linearized {
-        residuals,
-        slopes,
-        priors,
-        damping: DVector::from_element(priors.len(), 1e-9),
-    };
-    linearized.cost(&linearized.minimum())
-}
-
-/// `start` with the sizes that it begins with.
-fn small(parameters: &[Parameter], start: &[f64]) -> Vec<f64> {
-    let pairs = parameters.iter().zip(start);
-    let small = pairs.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
-        Some(none) if !p.log => none + SMALL * (x - none),
-        _ => *x,
-    });
-    small.collect()
 }
 
 /// Where a fit of effect parameters begins: sizes at half the usual one, in either direction where

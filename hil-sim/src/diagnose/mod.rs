@@ -15,12 +15,13 @@ use crate::effects;
 use crate::error::BadInput;
 use crate::gap;
 use crate::plant::simulation::TOLERANCE;
-use crate::record::{PRESSURE_REF_PA, Record};
-use crate::rig::Rig;
-use crate::simulate::{simulate, simulated};
+use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::{Gas, Rig};
+use crate::simulate::{above_vacuum, simulate, simulated};
 use choice::{Choice, Step, Verdict, Watch, choose};
 use engine::{Engine, Hypothesis, Model, Part, Tally};
 use left::{Profile, profiles, when};
+use model_core::pressure::GaugePa;
 use muscle::MuscleModel;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -195,14 +196,29 @@ impl Clock {
 }
 
 /// `records` as they drive `rig`: without a valve a reference drives nothing.
-fn driven(rig: &Rig, records: &[Record]) -> Vec<Record> {
+///
+/// # Errors
+/// A pressure that drives it and that no gas has.
+fn driven(rig: &Rig, records: &[Record]) -> Result<Vec<Record>, BadInput> {
     let mut records = records.to_vec();
-    if rig.valve.is_none() {
-        for record in &mut records {
+    let gas = rig.gas.unwrap_or(Gas::STANDARD);
+    for record in &mut records {
+        if rig.valve.is_none() {
             record.remove(PRESSURE_REF_PA);
         }
+        if record.column(PRESSURE_REF_PA).is_some() {
+            continue;
+        }
+        let pressures_pa = record.column(PRESSURE_PA).unwrap_or_default();
+        let present = pressures_pa
+            .iter()
+            .enumerate()
+            .filter(|(_, pa)| !pa.is_nan());
+        for (row, pa) in present {
+            above_vacuum(gas.atmospheric_pressure, record, row, GaugePa(*pa))?;
+        }
     }
-    records
+    Ok(records)
 }
 
 /// Diagnoses `rig` from records to `fit`, judged by records to `validate`; effects named in
@@ -222,8 +238,7 @@ pub fn diagnose(
         stages: Vec::new(),
     };
     watch(Step::Stage("data and noise", 0));
-    let [fit, validate] = [fit, validate].map(|records| driven(rig, records));
-    let (fit, validate) = (&fit[..], &validate[..]);
+    let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
     let model = MuscleModel::new(rig, fit, validate, without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);

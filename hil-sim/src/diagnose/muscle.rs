@@ -377,7 +377,8 @@ impl Model for MuscleModel {
             }
         };
         let time_s = record.measured.time_s();
-        let pressure_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();
+        let read = record.gas.as_ref().unwrap_or(&record.measured);
+        let pressure_pa = read.column(PRESSURE_PA).unwrap_or_default();
         let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
         let of = |name, unit, value: &dyn Fn(usize) -> f64| Coordinate {
             name,

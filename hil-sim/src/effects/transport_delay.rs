@@ -23,7 +23,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[DELAY_S, Parameter::new("dispersion", "1", (0.0, 0.5), 0.2)],
             source: "A command that arrives spread about its delay, with a standard deviation of \
                      this share of it: a shorter delay and two equal lags (tanks in series, \
-                     Levenspiel 1999), which below 2 ms are none. Leaves out a bus that samples.",
+                     Levenspiel 1999), which below 2.5 ms are none. Leaves out a bus that samples.",
             build: |values| delay(values[0], values[1]),
         },
     ],
@@ -33,7 +33,7 @@ const DELAY_S: Parameter = Parameter::new("delay_s", "s", (0.0, 1.0), 0.03).neut
 
 /// Shorter lags are not told from a delay in rows of 10 ms, and too stiff where each has another
 /// reference \[s\].
-const LAG_S_MIN: f64 = 2e-3;
+const LAG_S_MIN: f64 = 2.5e-3;
 
 fn delay(delay_s: f64, dispersion: f64) -> Term {
     // Of two lags the variances add.

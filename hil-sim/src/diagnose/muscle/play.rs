@@ -138,15 +138,16 @@ impl Prepared {
             [1.0, -1.0].map(|end| of(Some(end))).to_vec()
         };
         // Without the gas nothing tells how the reading rings, and all could lie between.
-        if self.gas.is_none() {
+        let Some(gas) = &self.gas else {
             return ways;
-        }
+        };
         for effect in &rig.effects {
             let Term::Line(term) = (effect.form.build)(&effect.values) else {
                 continue;
             };
             let ahead = ways.iter().filter_map(|way| {
-                let read_pa = way.column(PRESSURE_PA)?;
+                // Also what was left out, as no gas has it.
+                let read_pa = gas.column(PRESSURE_PA)?;
                 let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
                 let mut way = way.clone().into_owned();
                 way.set(PRESSURE_PA, before_pa);

@@ -49,6 +49,15 @@ pub struct Noise {
 }
 
 impl Noise {
+    fn found(checked: &Check) -> Noise {
+        let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
+        Noise {
+            pressure_pa: of(PRESSURE_PA).max(1.0),
+            contraction: of(CONTRACTION).max(1e-7),
+            force_n: of(FORCE_N).max(1e-3),
+        }
+    }
+
     /// That of the signal in a column.
     pub fn of(&self, signal: &str) -> f64 {
         match signal {
@@ -178,21 +187,30 @@ fn with_columns(record: &Record, names: &[&str]) -> Record {
 }
 
 /// Takes out of `measured` the pressures that no gas has, as a sensor at the end of a ringing tube
-/// may read them: they are not the muscle's. What is said of them.
-pub(super) fn without_vacuum(rig: &Rig, measured: &mut Record) -> Option<String> {
+/// may read them: they are not the muscle's. The rows.
+pub(super) fn without_vacuum(rig: &Rig, measured: &mut Record) -> Vec<usize> {
     let gas = rig.gas.unwrap_or(Gas::STANDARD);
-    let mut pressure_pa = measured.column(PRESSURE_PA)?.to_vec();
-    let impossible = |pa: &f64| GaugePa(*pa).to_absolute(gas.atmospheric_pressure).0 <= 0.0;
-    let first = pressure_pa.iter().position(impossible)?;
-    let count = pressure_pa.iter().filter(|pa| impossible(pa)).count();
-    let first_s = measured.time_s()[first];
-    for pa in pressure_pa.iter_mut().filter(|pa| impossible(pa)) {
-        *pa = f64::NAN;
+    let read_pa = measured.column(PRESSURE_PA).unwrap_or_default();
+    let impossible = |pa: f64| GaugePa(pa).to_absolute(gas.atmospheric_pressure).0 <= 0.0;
+    let rows = (0..read_pa.len()).filter(|row| impossible(read_pa[*row]));
+    let rows: Vec<usize> = rows.collect();
+    if !rows.is_empty() {
+        let mut pressure_pa = read_pa.to_vec();
+        for row in &rows {
+            pressure_pa[*row] = f64::NAN;
+        }
+        measured.set(PRESSURE_PA, pressure_pa);
     }
-    measured.set(PRESSURE_PA, pressure_pa);
+    rows
+}
+
+/// What is said of rows that were taken out of `record`, if there are such.
+fn left_out(record: &Record, rows: &[usize]) -> Option<String> {
+    let first_s = record.time_s()[*rows.first()?];
     Some(format!(
-        "`{PRESSURE_PA}` is below vacuum in {count} rows, the first at {first_s} s: muscle and \
-         load are not judged there"
+        "`{PRESSURE_PA}` is below vacuum in {} rows, the first at {first_s} s: muscle and load are \
+         not judged there",
+        rows.len()
     ))
 }
 
@@ -217,17 +235,13 @@ impl Prepared {
     fn new(rig: &Rig, record: &Record, repeatability_n: Option<f64>) -> Result<Prepared, BadInput> {
         let checked = check(record);
         checked.refuse(record)?;
-        let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
-        let noise = Noise {
-            pressure_pa: of(PRESSURE_PA).max(1.0),
-            contraction: of(CONTRACTION).max(1e-7),
-            force_n: of(FORCE_N).max(1e-3),
-        };
-        let mut warnings: Vec<String> = checked.warnings.iter().map(ToString::to_string).collect();
+        let noise = Noise::found(&checked);
+        let warnings = checked.warnings.iter().map(ToString::to_string);
         let record = &thinned(record, &noise, rig.load == Load::Prescribed);
         let contraction = record.require(CONTRACTION)?;
         let mut measured = with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]);
-        warnings.extend(without_vacuum(rig, &mut measured));
+        let cut = without_vacuum(rig, &mut measured);
+        let warnings = warnings.chain(left_out(record, &cut)).collect();
         let mut prepared = Prepared {
             gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
                 with_columns(
@@ -294,11 +308,13 @@ impl Prepared {
     fn weigh_forces(&mut self, rig: &Rig, record: &Record, repeatability_n: f64) {
         let contraction = record.column(CONTRACTION).unwrap_or_default();
         self.force_rows.retain(|row| !contraction[*row].is_nan());
-        if let Some(pressure_pa) = self.measured.column(PRESSURE_PA) {
+        let pressures_pa = [record, &self.measured].map(|record| record.column(PRESSURE_PA));
+        if let [Some(read_pa), Some(pressure_pa)] = pressures_pa {
             let span = self.pressure_span;
-            // The muscle's own pressure is not known there.
-            let known = |pa: f64| !pa.is_nan() && !span.clips(pa);
-            self.force_rows.retain(|row| known(pressure_pa[*row]));
+            // The muscle's own pressure is not known there; in a gap it is taken to be straight.
+            let left_out = |row: usize| pressure_pa[row].is_nan() && !read_pa[row].is_nan();
+            let known = |row: &usize| !span.clips(read_pa[*row]) && !left_out(*row);
+            self.force_rows.retain(known);
         }
         let per_noise = |row: &usize| {
             let per_pressure_m2 = rig.muscle.force_per_pressure_m2(contraction[*row]);
@@ -512,7 +528,9 @@ mod tests {
     fn a_pressure_that_no_gas_has_is_none_of_the_muscles() {
         let rings = |t: f64| if (3.0..3.05).contains(&t) { -3e5 } else { 2e5 };
         let mut rung = record(rings, |_| 0.1);
-        rung.set(FORCE_N, vec![100.0; rung.time_s().len()]);
+        for (column, value) in [(FORCE_N, 100.0), (PRESSURE_REF_PA, 2e5)] {
+            rung.set(column, vec![value; rung.time_s().len()]);
+        }
         let prepared = Prepared::all(&Rig::reference(), [&rung].into_iter(), None);
         let prepared = &prepared.expect("prepared")[0];
         let said = "below vacuum in 5 rows, the first at 3 s";

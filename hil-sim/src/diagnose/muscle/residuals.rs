@@ -21,7 +21,7 @@ const STOP_PLACE: f64 = 1e-4;
 /// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
 /// are far from those of any rig.
 const STEPS_PER_S: f64 = 300.0;
-const STEPS_PER_ROW: f64 = 2.0;
+const STEPS_PER_ROW: f64 = 4.0;
 /// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
 const LEAST_SHARE_OF_MASS: f64 = 0.5;
 
@@ -238,7 +238,34 @@ mod tests {
     use super::super::begin::{UNKNOWNS, begun_best};
     use super::super::force::Force;
     use super::*;
+    use crate::record::PRESSURE_REF_PA;
     use std::borrow::Cow;
+
+    /// The shortest lags that a delay is dispersed by, where each row has another reference and
+    /// another contraction, and the delay cuts them: the most steps that a likely rig takes.
+    #[test]
+    fn the_shortest_lags_are_followed() {
+        let (delay_s, lag_s) = (0.0303_f64, 2.6e-3);
+        let dispersion = lag_s * 2.0_f64.sqrt() / delay_s;
+        let effect = format!(
+            "[[effect]]\nname = \"transport-delay\"\nform = \"dispersed\"\n\
+             delay_s = {delay_s:?}\ndispersion = {dispersion:?}\n"
+        );
+        let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
+        let rig = rig.expect("a rig");
+        let time_s: Vec<f64> = (0..4000).map(|row| 0.01 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        let swings = |size: f64| move |t: &f64| size * (1.3 * t).sin();
+        let around = |middle: f64, size: f64| {
+            let values = time_s.iter().map(swings(size));
+            values.map(|value| middle + value).collect::<Vec<f64>>()
+        };
+        record.set(PRESSURE_REF_PA, around(2.5e5, 2e5));
+        record.set(PRESSURE_PA, around(2.5e5, 2e5));
+        record.set(CONTRACTION, around(0.12, 0.1));
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        assert!(gas_residuals(&prepared[0], rig).is_some());
+    }
 
     /// With one way to go a Dahl friction keeps its begin in proportion.
     #[test]
