@@ -46,8 +46,10 @@ const SHARE_OF_MEMBER: f64 = 0.4;
 const SHARE_OF_REST: f64 = 0.2;
 /// A size is none below this share of the usual one.
 const NOTHING: f64 = 1e-6;
-/// Share of what the others gain that a member must gain: no form is known better than 12 %.
-const SHARE_OF_ALL: f64 = 0.12 * 0.12;
+/// Share of what the others gain that a member must gain: no form is known better than 5 %; and
+/// where nothing is above the noise without it, no better than 12 %.
+const SHARE_OF_ALL: f64 = 0.05 * 0.05;
+const SHARE_OF_ALL_QUIET: f64 = 0.12 * 0.12;
 /// Share of what its blocks cost without it that it must gain beside others: what their forms leave
 /// is not white, and weighs more than noise.
 const SHARE_OF_WHOLE: f64 = 0.05;
@@ -564,11 +566,18 @@ impl<M: Model> Search<'_, '_, M> {
             parts.map(|part| part.total().outside).sum()
         };
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let parts = without.fit.parts.iter().filter(beside);
+        let left: f64 = parts.map(|part| excess_in(&part.total())).sum();
+        let share_of_all = if left < GAIN {
+            SHARE_OF_ALL_QUIET
+        } else {
+            SHARE_OF_ALL
+        };
         let rest = SHARE_OF_WHOLE * cost(without);
         let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
         let prior = hypothesis.fit.prior - without.fit.prior;
         GAIN.max(noise.sum())
-            .max(SHARE_OF_ALL * of_others)
+            .max(share_of_all * of_others)
             .max(rest)
             .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }
