@@ -2,9 +2,9 @@
 //!
 //! Effects are tried alone, then in pairs and more: each set that leads, over all, over one block
 //! alone or near the nominal values, is joined with what promises most beyond it. A set is taken if
-//! each of its members is needed: without it much of what is then left would be explained by nothing
-//! else. What promises most in a member's place is tried there, and of sets that cannot be told
-//! apart the one with the fewest parameters is taken. What the set leaves decides whether it is
+//! each of its members is needed: without it much of what is then left would be explained by
+//! nothing else. What promises most in a member's place is tried there, and of sets that cannot be
+//! told apart the one with the fewest parameters is taken. What the set leaves decides whether it is
 //! named at all.
 
 use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
