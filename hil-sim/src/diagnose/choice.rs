@@ -4,8 +4,8 @@
 //! alone or near the nominal values, is joined with what promises most beyond it. A set is taken if
 //! each of its members is needed: without it much of what is then left would be explained by
 //! nothing else. What promises most in a member's place is tried there, and of sets that cannot be
-//! told apart the one with the fewest parameters is taken. What the set leaves decides whether it is
-//! named at all.
+//! told apart the one with the fewest parameters is taken. What the set leaves decides whether it
+//! is named at all.
 
 use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
 use rayon::prelude::*;
