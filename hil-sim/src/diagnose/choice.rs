@@ -561,14 +561,13 @@ impl<M: Model> Search<'_, '_, M> {
             let mut others = without.candidates.iter().map(|other| &all[*other]);
             own(part) && others.any(|other| !other.exact && other.blocks.contains(&part.block))
         };
-        let cost = |h: &Hypothesis| -> f64 {
+        let sum = |h: &Hypothesis, of: fn(&Tally) -> f64| -> f64 {
             let parts = h.fit.parts.iter().filter(beside);
-            parts.map(|part| part.total().outside).sum()
+            parts.map(|part| of(&part.total())).sum()
         };
+        let cost = |h: &Hypothesis| sum(h, |total| total.outside);
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
-        let parts = without.fit.parts.iter().filter(beside);
-        let left: f64 = parts.map(|part| excess_in(&part.total())).sum();
-        let share_of_all = if left < GAIN {
+        let share_of_all = if sum(without, excess_in) < GAIN {
             SHARE_OF_ALL_QUIET
         } else {
             SHARE_OF_ALL
@@ -648,11 +647,8 @@ impl<M: Model> Search<'_, '_, M> {
         // fitted.
         let promises = self.engine.promises(null)?;
         // Where calibration has taken nominal values far, what an effect does there is no promise.
-        let share = if null.fit.prior > GAIN {
-            0.0
-        } else {
-            SHARE_OF_PROMISE
-        };
+        let far = null.fit.prior > GAIN;
+        let share = if far { 0.0 } else { SHARE_OF_PROMISE };
         let worth = |candidate: &usize| {
             let all = self.engine.model.candidates();
             let blocks = &all[*candidate].blocks;
@@ -664,7 +660,7 @@ impl<M: Model> Search<'_, '_, M> {
             let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
             let unsure = |block: &usize| !self.engine.model.proportional(*block);
             let least = PROMISE.max(share * most);
-            let few = share == 0.0 || better < FORMS || blocks.iter().any(unsure);
+            let few = far || better < FORMS || blocks.iter().any(unsure);
             promises[*candidate] > least && few || blocks.iter().all(unsure)
         };
         let candidates = (0..self.engine.model.candidates().len()).filter(worth);
@@ -721,9 +717,7 @@ impl<M: Model> Search<'_, '_, M> {
 /// Chooses. `None` where the model has no solution at all.
 pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     watch(Step::Stage("without effects", 0));
-    let null = engine
-        .hypothesis(&[])
-        .map(|null| engine.polished(&null).unwrap_or(null))?;
+    let null = engine.hypothesis(&[])?;
     let mut search = Search {
         engine,
         watch,

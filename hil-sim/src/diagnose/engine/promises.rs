@@ -1,7 +1,7 @@
 //! What effects promise beside those that are there, before they are fitted.
 
 use super::super::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
-use super::{Candidate, Engine, Hypothesis, Model, Parameter, Problem, change, starts};
+use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, change, starts};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -33,7 +33,8 @@ impl<M: Model> Engine<'_, M> {
     /// no other is known.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let all = self.model.candidates();
-        let places: Vec<Place> = all.iter().map(|c| self.place(base, c)).collect();
+        let groups = self.groups(&base.candidates);
+        let places: Vec<Place> = all.iter().map(|c| self.place(base, &groups, c)).collect();
         let known: Vec<Option<f64>> = {
             let promised = self.promised.lock().ok()?;
             let known = |(c, place): (usize, &Place)| promised.get(&(place.clone(), c)).copied();
@@ -101,11 +102,10 @@ impl<M: Model> Engine<'_, M> {
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
     }
 
-    /// What a promise of `candidate` beside `base` depends on.
-    fn place(&self, base: &Hypothesis, candidate: &Candidate) -> Place {
-        let groups = self.groups(&base.candidates).into_iter();
+    /// What a promise of `candidate` beside `base`, whose blocks are tied in `groups`, depends on.
+    fn place(&self, base: &Hypothesis, groups: &[Key], candidate: &Candidate) -> Place {
         let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
-        let touched = groups.filter(|(blocks, _)| own(blocks));
+        let touched = groups.iter().filter(|(blocks, _)| own(blocks)).cloned();
         let (blocks, candidates): (Vec<_>, Vec<_>) = touched.unzip();
         let (blocks, candidates) = (blocks.concat(), candidates.concat());
         let x = self.coordinates(base, &self.free(&blocks), &candidates);
