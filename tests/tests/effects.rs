@@ -535,10 +535,10 @@ fn creep_relaxes_after_a_step() {
     let strain = bench(STEP_S, 501, step(0.0, 0.125), |_| 2e5);
     let one = [("force_n", size_n), ("time_constant_s", time_constant_s)];
     let two = [
-        ("fast_force_n", 0.5 * size_n),
-        ("fast_time_constant_s", 0.5),
-        ("slow_force_n", 0.5 * size_n),
-        ("slow_time_constant_s", 20.0),
+        ("force_n", 0.5 * size_n),
+        ("time_constant_s", 0.5),
+        ("second_force_n", 0.5 * size_n),
+        ("second_time_constant_s", 20.0),
     ];
     for (form, parameters, record, share, times_s) in [
         (
@@ -683,27 +683,73 @@ fn run_in_falls_with_the_way_and_not_with_time() {
     let path = [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0), (4.0, 0.1)];
     let record = bench(STEP_S, 401, through(path), |_| 3e5);
     let nominal_n = simulated(&rig("", &[CLAMPED]), &record, FORCE_N);
-    for (form, left) in [
-        ("exponential", (|ways| (-ways).exp()) as fn(f64) -> f64),
-        ("hyperbolic", |ways| 1.0 / (1.0 + ways)),
+    // The way and, of two strokes each, the cycles.
+    let distances = [
+        (0, 0.0, 0.0),
+        (50, 0.05 - PLAY, 0.5),
+        (100, 0.1 - PLAY, 0.5),
+        (200, 0.1 - PLAY, 0.5),
+        (300, 0.2 - 3.0 * PLAY, 1.0),
+        (400, 0.3 - 5.0 * PLAY, 1.5),
+    ];
+    for (form, key, left) in [
+        (
+            "exponential",
+            "distance",
+            (|ways| (-ways).exp()) as fn(f64) -> f64,
+        ),
+        ("hyperbolic", "distance", |ways| 1.0 / (1.0 + ways)),
+        ("cyclic", "cycles", |ways| (-ways).exp()),
     ] {
-        let parameters = [("share", 0.05), ("distance", 0.2)];
+        let parameters = [("share", 0.05), (key, 0.2)];
         let added = added_n(&effect("run-in", form, &parameters), &record);
-        for (row, way) in [
-            (0, 0.0),
-            (50, 0.05 - PLAY),
-            (100, 0.1 - PLAY),
-            (200, 0.1 - PLAY),
-            (300, 0.2 - 3.0 * PLAY),
-            (400, 0.3 - 5.0 * PLAY),
-        ] {
+        for (row, way, cycles) in distances {
+            let done = if form == "cyclic" { cycles } else { way };
             assert_near(
                 added[row] / nominal_n[row],
-                0.05 * left(way / 0.2),
+                0.05 * left(done / 0.2),
                 1e-6,
                 form,
             );
         }
+    }
+}
+
+/// A stroke goes on after a rest, and a short one is less of a cycle.
+#[test]
+fn run_in_counts_strokes_from_turn_to_turn() {
+    let path = [
+        (0.0, 0.0),
+        (1.0, 0.01),
+        (2.0, 0.01),
+        (3.0, 0.05),
+        (4.0, 0.04),
+    ];
+    let record = bench(STEP_S, 401, through(path), |_| 3e5);
+    let nominal_n = simulated(&rig("", &[CLAMPED]), &record, FORCE_N);
+    let cyclic = effect("run-in", "cyclic", &[("share", 0.05), ("cycles", 0.2)]);
+    let added = added_n(&cyclic, &record);
+    // A play of 0.0005 to either side, and 0.04 of ways that count in a cycle.
+    for (row, counted) in [(100, 0.0095), (200, 0.0095), (300, 0.02), (400, 0.029)] {
+        let left = (-counted / 0.04 / 0.2_f64).exp();
+        assert_near(added[row] / nominal_n[row], 0.05 * left, 1e-6, "cyclic");
+    }
+}
+
+/// The first of two relaxations may be the only one.
+#[test]
+fn two_relaxations_are_one_where_the_second_is_none() {
+    let one = [("force_n", 20.0), ("time_constant_s", 3.0)];
+    let none = [("second_force_n", 0.0), ("second_time_constant_s", 15.0)];
+    let lift = through([(0.0, 0.0), (5.0, 0.2)]);
+    let record = bench(STEP_S, 501, lift, through([(0.0, 1e5), (5.0, 4e5)]));
+    for [single, double] in [
+        ["relaxation", "two-relaxations"],
+        ["strain-relaxation", "two-strain-relaxations"],
+    ] {
+        let two = effect("creep", double, &[&one[..], &none[..]].concat());
+        let one = effect("creep", single, &one);
+        assert_eq!(added_n(&one, &record), added_n(&two, &record), "{double}");
     }
 }
 
@@ -1377,9 +1423,9 @@ fn sensors() -> [(String, Read, Read); 5] {
             effect(
                 "pressure-sensor-drift",
                 "warm-up",
-                &[("drift_pa", 4e3), ("time_constant_s", 0.5)],
+                &[("drift_pa", 4e3), ("time_constant_s", 2.0)],
             ),
-            |pressure_pa, time_s| pressure_pa + 4e3 * (1.0 - (-time_s / 0.5).exp()),
+            |pressure_pa, time_s| pressure_pa + 4e3 * (1.0 - (-time_s / 2.0).exp()),
             same,
         ),
         (

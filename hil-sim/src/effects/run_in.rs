@@ -24,22 +24,34 @@ pub(super) const KIND: EffectKind = EffectKind {
             source: "A share of the force that decays exponentially with the way travelled, in \
                      units of contraction: stress softening of rubber (Mullins 1969). Leaves out \
                      recovery during a rest, and motion within 0.001.",
-            build: |values| run_in(values, |ways| (-ways).exp()),
+            build: |values| run_in(values, f64::INFINITY, |ways| (-ways).exp()),
         },
         Form {
             name: "hyperbolic",
             parameters: &[SHARE, DISTANCE],
             source: "A share of the force that falls as 1/(1 + way/distance): quick at first, then \
                      long. Leaves out recovery during a rest.",
-            build: |values| run_in(values, |ways| 1.0 / (1.0 + ways)),
+            build: |values| run_in(values, f64::INFINITY, |ways| 1.0 / (1.0 + ways)),
+        },
+        Form {
+            name: "cyclic",
+            parameters: &[SHARE, Parameter::new("cycles", "1", (0.1, 30.0), 2.0).log()],
+            source: "A share of the force that decays exponentially with the cycles, of which all \
+                     of more than 0.02 of contraction count the same: half of each is done in \
+                     the first 0.02 after a turn. Leaves out recovery during a rest.",
+            build: |values| {
+                let distance = 2.0 * STROKE * values[1];
+                run_in(&[values[0], distance], STROKE, |ways| (-ways).exp())
+            },
         },
     ],
 };
 
-fn run_in(values: &[f64], left: fn(f64) -> f64) -> Term {
+fn run_in(values: &[f64], stroke: f64, left: fn(f64) -> f64) -> Term {
     Term::Muscle(Box::new(RunIn {
         share: values[0],
         distance: values[1],
+        stroke,
         left,
     }))
 }
@@ -47,40 +59,50 @@ fn run_in(values: &[f64], left: fn(f64) -> f64) -> Term {
 /// Half the play within which a motion is none: where the contraction is measured, its noise would
 /// otherwise be a way without end.
 const PLAY: f64 = 5e-4;
+/// The least stroke that is half a cycle; what is shorter, as of an arm held still, is less of one.
+const STROKE: f64 = 0.02;
 
-/// The states are the place of the play and the way that it was moved.
+/// The states are the place of the play, the way that it was moved as far as it counts, and its way
+/// since it last turned, with its sign.
 struct RunIn {
     share: f64,
     distance: f64,
+    /// How much of the way from one turn to the next counts.
+    stroke: f64,
     /// What is left of the effect after so many distances.
     left: fn(f64) -> f64,
 }
 
 impl RunIn {
-    fn moved(&self, at: &MusclePoint, state: &[f64]) -> (f64, f64) {
+    fn moved(&self, at: &MusclePoint, state: &[f64]) -> [f64; 3] {
         // Not `clamp`, which refuses the NaN that a trial step may hold.
         let place = state[0]
             .max(at.contraction - PLAY)
             .min(at.contraction + PLAY);
-        (place, state[1] + (place - state[0]).abs())
+        let step = place - state[0];
+        let before = if step * state[2] < 0.0 { 0.0 } else { state[2] };
+        let since = before + step;
+        let counts = |way: f64| way.abs().min(self.stroke);
+        [place, state[1] + counts(since) - counts(before), since]
     }
 
     fn left_at(&self, at: &MusclePoint, state: &[f64]) -> f64 {
-        (self.left)(self.moved(at, state).1 / self.distance)
+        (self.left)(self.moved(at, state)[1] / self.distance)
     }
 }
 
 impl Dynamics<MusclePoint> for RunIn {
     fn states(&self) -> usize {
-        2
+        3
     }
 
     fn settle(&self, at: &MusclePoint, state: &mut [f64]) {
-        state.copy_from_slice(&[at.contraction, 0.0]);
+        state.copy_from_slice(&[at.contraction, 0.0, 0.0]);
     }
 
     fn commit(&self, at: &MusclePoint, state: &mut [f64]) {
-        (state[0], state[1]) = self.moved(at, state);
+        let moved = self.moved(at, state);
+        state.copy_from_slice(&moved);
     }
 }
 
