@@ -21,10 +21,13 @@ const INNER_COST: f64 = 1e-4;
 const INNER_SHARE: f64 = 1e-3;
 /// The same where nothing may be left.
 const EXACT_COST: f64 = 1e-14;
-/// Halvings of a line search.
-const HALVINGS: usize = 30;
+/// Points of a line search, and the share of the first slope that is left where it ends.
+const SEARCH: usize = 30;
+const LEVEL: f64 = 0.05;
 /// Corrected slopes serve so often in a row, while the cost falls as they promise.
 const REUSES: usize = 5;
+/// Damping of a coordinate that is held: far above any curvature.
+const HELD: f64 = 1e15;
 /// Damping at the start, at its least, and where a fit is given up.
 const DAMPING: [f64; 3] = [1e-4, 1e-9, 1e6];
 
@@ -97,6 +100,7 @@ pub fn loss(residual: f64) -> f64 {
 /// What a dead zone of so many standard deviations takes of half the square of the noise, 0.5, on
 /// average: all but (1 + s²) Q(s) − s φ(s) for a normal one, here to 0.003.
 pub fn hidden(slack: f64) -> f64 {
+    let slack = slack.max(0.0);
     0.5 - 0.5 * (-1.596 * slack - 0.27 * slack * slack).exp()
 }
 
@@ -122,13 +126,21 @@ impl Slopes {
         let rows = residuals.values.len();
         let outside = DVector::from_iterator(rows, residuals.outside());
         let roots = outside.map(|row| weight(row).sqrt());
-        // What is above a dead zone falls as that grows.
-        let factors = |(row, root): (&f64, &f64)| match row.partial_cmp(&0.0) {
-            Some(Ordering::Greater) => [*root, -*root],
-            Some(Ordering::Less) => [*root, *root],
-            _ => [0.0, 0.0],
+        // What is above a dead zone falls as that grows, if there is one.
+        let factors = |((row, root), slack): ((&f64, &f64), &f64)| {
+            let of_slack = if *slack < 0.0 { 0.0 } else { *root };
+            match row.partial_cmp(&0.0) {
+                Some(Ordering::Greater) => [*root, -of_slack],
+                Some(Ordering::Less) => [*root, of_slack],
+                _ => [0.0, 0.0],
+            }
         };
-        let factors: Vec<[f64; 2]> = outside.iter().zip(&roots).map(factors).collect();
+        let factors = outside
+            .iter()
+            .zip(&roots)
+            .zip(&residuals.slack)
+            .map(factors);
+        let factors: Vec<[f64; 2]> = factors.collect();
         let length = rows.max(1);
         let columns = self.values.as_slice().chunks_exact(length);
         let columns = columns.zip(self.slack.as_slice().chunks_exact(length));
@@ -192,7 +204,8 @@ pub struct Linearized<'a> {
 }
 
 impl Linearized<'_> {
-    fn moved(&self, step: &DVector<f64>) -> Residuals {
+    /// The residuals after `step`.
+    pub fn moved(&self, step: &DVector<f64>) -> Residuals {
         let add = |base: &[f64], slopes: &DMatrix<f64>| {
             let change = slopes * step;
             base.iter().zip(&change).map(|(a, b)| a + b).collect()
@@ -255,7 +268,9 @@ impl Linearized<'_> {
         let rows = moved.values.iter().zip(&moved.slack);
         let rows = rows.zip(direction.values.iter().zip(&direction.slack));
         let rows = rows.map(|((value, slack), (along, widening))| {
-            let outside = outside(value + share * along, slack + share * widening);
+            let slack = slack + share * widening;
+            let widening = if slack < 0.0 { 0.0 } else { *widening };
+            let outside = outside(value + share * along, slack);
             let along = if outside < 0.0 {
                 along + widening
             } else {
@@ -301,25 +316,9 @@ impl Linearized<'_> {
                 step: newton,
             };
             let fall = -gradient.dot(&direction.step);
-            let rises = |share: f64| self.slope(&step, &moved, &direction, share) > 0.0;
-            let (mut low, mut high) = (0.0, 1.0);
-            if rises(1.0) {
-                for _ in 0..HALVINGS {
-                    let middle = 0.5 * (low + high);
-                    if rises(middle) {
-                        high = middle;
-                    } else {
-                        low = middle;
-                    }
-                    if high - low < 0.05 * low {
-                        break;
-                    }
-                }
-            } else {
-                low = 1.0;
-            }
-            direction.apply(low, &mut step, &mut moved);
-            let fallen = fall * low.max(0.1);
+            let length = level(fall, |part| self.slope(&step, &moved, &direction, part));
+            direction.apply(length, &mut step, &mut moved);
+            let fallen = fall * length.max(0.1);
             whole += fallen;
             if fallen < cost + share * whole {
                 break;
@@ -327,6 +326,69 @@ impl Linearized<'_> {
         }
         step
     }
+
+    /// The step from `x` to the minimum within its range, into which `back` puts a point: a
+    /// coordinate that is cut stays at its bound, and the others go on without it.
+    fn bounded(
+        &self,
+        x: &DVector<f64>,
+        back: impl Fn(DVector<f64>) -> DVector<f64>,
+    ) -> DVector<f64> {
+        let mut cut = DVector::zeros(x.len());
+        let mut damping = self.damping.clone();
+        let mut held = vec![false; x.len()];
+        loop {
+            let priors = self.priors.iter().zip(&cut);
+            let priors = priors.map(|((residual, slope), cut)| (residual + slope * cut, *slope));
+            let rest = Linearized {
+                residuals: &self.moved(&cut),
+                slopes: self.slopes,
+                priors: &priors.collect::<Vec<Prior>>(),
+                damping: damping.clone(),
+            };
+            let free = x + &cut + rest.minimum();
+            let within = back(free.clone());
+            let new = |place: &usize| !held[*place] && within[*place] != free[*place];
+            let new: Vec<usize> = (0..x.len()).filter(new).collect();
+            if new.is_empty() {
+                return within - x;
+            }
+            for place in new {
+                held[place] = true;
+                damping[place] = HELD;
+                cut[place] = within[place] - x[place];
+            }
+        }
+    }
+}
+
+/// The share of a way, on which the cost begins to fall with the slope −`fall`, and slopes grow,
+/// where little of that is left, or all of it (regula falsi, Illinois: Dowell & Jarratt 1971).
+fn level(fall: f64, slope: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = ((0.0, -fall), (1.0, slope(1.0)));
+    if high.1 <= LEVEL * fall {
+        return 1.0;
+    }
+    let mut above = true;
+    for _ in 0..SEARCH {
+        let share = (low.0 * high.1 - high.0 * low.1) / (high.1 - low.1);
+        let found = (share, slope(share));
+        if found.1.abs() <= LEVEL * fall {
+            return share;
+        }
+        // An end that stays twice loses weight.
+        let again = above == (found.1 > 0.0);
+        let weight = if again { 0.5 } else { 1.0 };
+        above = found.1 > 0.0;
+        if above {
+            high = found;
+            low.1 *= weight;
+        } else {
+            low = found;
+            high.1 *= weight;
+        }
+    }
+    low.0
 }
 
 /// A way to go, and how residuals change on it.
@@ -423,10 +485,11 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
             priors: &priors,
             damping: damping * &scale,
         };
-        let step = problem.bounded(&found.x + linearized.minimum()) - &found.x;
+        let step = linearized.bounded(&found.x, |x| problem.bounded(x));
         let promised = found.cost - linearized.cost(&step);
         if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
-            if fresh || !goal.certain {
+            // Slopes that were corrected, and promise worse, are wrong.
+            if fresh || !goal.certain && promised >= 0.0 {
                 return Some(found);
             }
             continue;
@@ -645,6 +708,61 @@ mod tests {
                 assert!(beside.cost > found.cost - 1e-4, "{angle} {length}");
             }
         }
+    }
+
+    /// Both coordinates would go below the bound of the first together; the clipped step would be
+    /// uphill.
+    #[test]
+    fn beside_a_bound_the_others_go_their_own_way() {
+        struct Bound;
+        impl Problem for Bound {
+            fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
+                Some(Residuals::exact(vec![x[0] - x[1]]))
+            }
+
+            fn slopes(&mut self, _: &DVector<f64>, _: &Residuals) -> Option<Slopes> {
+                Some(Slopes {
+                    values: DMatrix::from_row_slice(1, 2, &[1.0, -1.0]),
+                    slack: DMatrix::zeros(1, 2),
+                })
+            }
+
+            fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {
+                vec![(0.1 * (x[0] + 3.0), 0.1), (0.1 * (x[1] - 1.0), 0.1)]
+            }
+
+            fn bounded(&self, x: DVector<f64>) -> DVector<f64> {
+                DVector::from_vec(vec![x[0].max(0.0), x[1]])
+            }
+        }
+        for begin in [0.0, 1e-9, 0.5] {
+            let begin = DVector::from_vec(vec![begin, 0.0]);
+            let found = minimize(&mut Bound, begin, GOAL).expect("a minimum");
+            assert_eq!(found.x[0], 0.0);
+            assert!((found.x[1] - 1.0 / 101.0).abs() < 1e-5, "{}", found.x[1]);
+        }
+    }
+
+    /// Slopes that grow evenly, with a kink, and with a jump; or never reach the level.
+    #[test]
+    fn a_search_ends_where_it_is_level() {
+        let search = |slope: &dyn Fn(f64) -> f64| {
+            let points = std::cell::Cell::new(0);
+            let share = level(1.0, |share| {
+                points.set(points.get() + 1);
+                slope(share)
+            });
+            (share, points.get())
+        };
+        assert_eq!(search(&|x| 2.0 * x - 1.0), (0.5, 2));
+        assert_eq!(search(&|x| 0.5 * x - 1.0), (1.0, 1));
+        let (share, points) = search(&|x| (10.0 * x - 1.0).min(0.1 * x - 0.01 + 0.9 * x));
+        assert!(
+            (10.0 * share - 1.0).abs() <= LEVEL && points < 8,
+            "{share} {points}"
+        );
+        let (share, _) = search(&|x| if x < 0.3 { -1.0 } else { 5.0 });
+        assert!((share - 0.3).abs() < 0.01, "{share}");
     }
 
     #[test]
