@@ -21,12 +21,16 @@ struct Bench {
 
 impl Bench {
     fn new() -> Bench {
+        Bench::of(&HEALTHY)
+    }
+
+    fn of(case: &truth::Case) -> Bench {
         let bench = Bench {
             folder: tempfile::tempdir().expect("a folder"),
         };
-        bench.write("rig.toml", &HEALTHY.rig_toml);
-        bench.write("a.csv", &rows(&HEALTHY.fit[0], ROWS));
-        bench.write("b.csv", &rows(&HEALTHY.validate[0], ROWS));
+        bench.write("rig.toml", &case.rig_toml);
+        bench.write("a.csv", &rows(&case.fit[0], ROWS));
+        bench.write("b.csv", &rows(&case.validate[0], ROWS));
         bench
     }
 
@@ -210,10 +214,9 @@ fn a_rig_of_half_the_length_is_doubted_and_nothing_is_named() {
     );
 }
 
-#[test]
-fn the_number_of_threads_changes_nothing() {
+fn assert_threads_change_nothing(case: &truth::Case, effects: &[&str]) {
     let diagnosis = |threads: &str| {
-        let bench = Bench::new();
+        let bench = Bench::of(case);
         let arguments = [few(), vec!["--threads", threads]].concat();
         let (status, message) = bench.run("b.csv", &arguments);
         assert_eq!(status, Some(0), "{message}");
@@ -224,8 +227,24 @@ fn the_number_of_threads_changes_nothing() {
         found
     };
     let one = diagnosis("1");
-    assert_eq!(one["verdict"], "consistent");
+    let found = one["effects"].as_array().expect("effects").iter();
+    let found: Vec<&str> = found.filter_map(|effect| effect["name"].as_str()).collect();
+    assert_eq!(found, effects);
     assert_eq!(one, diagnosis("2"));
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    assert_threads_change_nothing(&HEALTHY, &[]);
+}
+
+#[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "takes minutes where not optimised: `cargo test --release --test diagnose`"
+)]
+fn the_number_of_threads_changes_nothing_about_two_effects() {
+    assert_threads_change_nothing(&truth::case(11, 11), &["valve-lag", "leak"]);
 }
 
 /// docs/diagnosis.md, as a newcomer types it; only `out/` is elsewhere.

@@ -154,7 +154,7 @@ fn catalogue() -> Vec<Candidate> {
             neutral: (!log).then_some(0.0),
         }],
         blocks: vec![block],
-        exact: false,
+        form_doubt: 0.05,
     };
     vec![
         candidate("leak", LOWER, "1/s", (1e-4, 0.1), 0.005, true),
@@ -337,6 +337,32 @@ fn two_hidden_effects_are_both_named() {
 fn a_small_effect_beside_a_large_one_is_named() {
     let [leak, overflow, ..] = HIDDEN;
     assert_named([leak, overflow]);
+}
+
+#[test]
+fn what_is_there_promises_nothing_and_the_rest_is_found_without_it() {
+    let [_, overflow, offset, _] = HIDDEN;
+    let tanks = Tanks::new(&TRUE).with(overflow.0, overflow.1);
+    let model = TankModel::new(&tanks.with(offset.0, offset.1), 7, &[]);
+    let engine = Engine::new(&model);
+    let effects = catalogue();
+    let place = |name| effects.iter().position(|c| c.effect == name).expect(name);
+    let own = [place(overflow.0), place(offset.0)];
+    let alone = |place: usize| engine.hypothesis(&[own[place]]).expect("a fit");
+    let promises = engine.promises(&alone(0)).expect("promises");
+    assert_eq!(promises[own[0]], 0.0);
+    assert!(promises[own[1]] > 1000.0, "{promises:?}");
+    // Each alone is where it was, there being one valley.
+    let reduced = engine.reduced(&engine.hypothesis(&own).expect("a fit"));
+    assert_eq!(reduced.len(), 2);
+    for (place, found) in [1, 0].into_iter().zip(&reduced) {
+        assert_eq!(found.candidates, [own[place]]);
+        let (found, known) = (found.fit.score(), alone(place).fit.score());
+        assert!(
+            (found - known).abs() < 1e-3 * known + 1.0,
+            "{found}, {known}"
+        );
+    }
 }
 
 fn catalogue_order(names: &[&str]) -> String {

@@ -1,7 +1,8 @@
 //! The choice between hypotheses: which effects are missing, and when nothing may be named.
 //!
 //! Effects are tried alone, then in pairs and more: each set that leads, over all, over one block
-//! alone or near the nominal values, is joined with what promises most beyond it. A set is taken if
+//! alone, near the nominal values or where it was fitted, is joined with what promises most beyond
+//! it. A set is taken if
 //! each of its members is needed: without it much of what is then left would be explained by
 //! nothing else. What promises most in a member's place is tried there, and of sets that cannot be
 //! told apart the one with the fewest parameters is taken. What the set leaves decides whether it
@@ -21,9 +22,12 @@ const FOLLOWERS: usize = 3;
 const FORMS: usize = 2;
 const BETTER: f64 = 2.0;
 /// Leading sets of which every form is tried.
-const VARIED: usize = 2;
+const VARIED: usize = 3;
 /// Leading sets whose fit is made exact.
 const POLISHED: usize = 4;
+/// Share of what some of a set gains that the rest must gain before its other forms are tried: as
+/// much as its form may leave where forms are known best.
+const SHARE_OF_PART: f64 = 0.05 * 0.05;
 /// Effects that are named together at most, and what it is to try so many.
 const MEMBERS: usize = 3;
 const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
@@ -38,6 +42,9 @@ const WORSE: f64 = 16.0;
 const PROMISE: f64 = 10.0;
 /// Share of what another effect on no other block promises that is worth a fit.
 const SHARE_OF_PROMISE: f64 = 0.03;
+/// The same where calibration has taken nominal values far, so that no promise is sure: single
+/// effects were seen to promise 0.26 of it there at least.
+const SHARE_OF_PROMISE_FAR: f64 = 0.01;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
 /// Share of what is left without an effect that the effect must explain.
@@ -46,10 +53,9 @@ const SHARE_OF_MEMBER: f64 = 0.4;
 const SHARE_OF_REST: f64 = 0.2;
 /// A size is none below this share of the usual one.
 const NOTHING: f64 = 1e-6;
-/// Share of what the others gain that a member must gain: no form is known better than 5 %; and
-/// where nothing is above the noise without it, no better than 12 %.
-const SHARE_OF_ALL: f64 = 0.05 * 0.05;
-const SHARE_OF_ALL_QUIET: f64 = 0.12 * 0.12;
+/// Share by which forms of the others are doubted where nothing is above the noise without a
+/// member.
+const DOUBT_WHERE_QUIET: f64 = 0.12;
 /// Share of what its blocks cost without it that it must gain beside others: what their forms leave
 /// is not white, and weighs more than noise.
 const SHARE_OF_WHOLE: f64 = 0.05;
@@ -177,6 +183,12 @@ impl<M: Model> Search<'_, '_, M> {
         hypothesis.fit.score() + GAIN_PARAMETER * parameters as f64
     }
 
+    /// The same of what was fitted alone.
+    fn fitted_score(&self, hypothesis: &Hypothesis) -> f64 {
+        let parameters = self.parameters(&hypothesis.candidates);
+        hypothesis.fit.fitted_score() + GAIN_PARAMETER * parameters as f64
+    }
+
     fn sort(&mut self) {
         let mut tried = std::mem::take(&mut self.tried);
         tried.sort_by(|a, b| {
@@ -257,12 +269,16 @@ impl<M: Model> Search<'_, '_, M> {
             leaders.truncate(1);
             return leaders;
         }
-        // What leads may have taken the rig far, where nothing is named.
+        // What leads may have taken the rig far, where nothing is named; and what is needed for the
+        // fit may predict badly until another effect is beside it.
         let near = |h: &Hypothesis| self.score(h) + h.fit.prior / SHARE_OF_PRIOR;
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        let nearest = of_size.min_by(|a, b| near(a).total_cmp(&near(b)));
-        let nearest = nearest.map(|nearest| nearest.candidates.clone());
-        leaders.extend(nearest.filter(|nearest| !leaders.contains(nearest)));
+        let fitted = |h: &Hypothesis| self.fitted_score(h);
+        for cost in [&near as &dyn Fn(&Hypothesis) -> f64, &fitted] {
+            let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+            let least = of_size.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+            let least = least.map(|least| least.candidates.clone());
+            leaders.extend(least.filter(|least| !leaders.contains(least)));
+        }
         for part in &null.fit.parts {
             if excess_of(&null.fit, part.block) < GAIN {
                 continue;
@@ -345,11 +361,30 @@ impl<M: Model> Search<'_, '_, M> {
         self.distinct(of_size.map(|h| h.candidates.clone()), count)
     }
 
+    /// Leading sets of which other forms are tried: none that fits no better than some of it does.
+    fn varied(&self, members: usize) -> Vec<Vec<usize>> {
+        let cost = |h: &Hypothesis| self.fitted_score(h);
+        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let idle = |set: &&Hypothesis| {
+            let mut parts = self.tried.iter().filter(|h| h.candidates.len() < members);
+            parts.any(|part| {
+                let gained = null.map_or(0.0, |null| cost(null) - cost(part));
+                part.candidates
+                    .iter()
+                    .all(|own| set.candidates.contains(own))
+                    && cost(part) - cost(set) < GAIN.max(SHARE_OF_PART * gained)
+            })
+        };
+        let moved = of_size.filter(|set| !idle(set));
+        self.distinct(moved.map(|h| h.candidates.clone()), VARIED)
+    }
+
     /// The leading sets with one member each time in another form of the same effect.
     fn variants(&self, members: usize) -> Vec<Vec<usize>> {
         let all = self.engine.model.candidates();
         let mut variants = Vec::new();
-        for set in self.leading(members, VARIED) {
+        for set in self.varied(members) {
             for (place, own) in set.iter().enumerate() {
                 for other in 0..all.len() {
                     let mut variant = set.clone();
@@ -369,7 +404,7 @@ impl<M: Model> Search<'_, '_, M> {
     fn reform(&mut self, members: usize) {
         let all = self.engine.model.candidates();
         let mut forms = Vec::new();
-        for set in self.leading(members, VARIED) {
+        for set in self.varied(members) {
             let Some(of) = self.tried.iter().find(|h| h.candidates == set) else {
                 continue;
             };
@@ -399,10 +434,38 @@ impl<M: Model> Search<'_, '_, M> {
         !sets.is_empty()
     }
 
-    /// What is left of the leading sets without one of their members.
+    /// Fits a set without each of its members from where the others are in it.
+    fn reduce(&mut self, set: &Hypothesis) {
+        let members = set.candidates.len();
+        (self.watch)(Step::Stage("without each of them", members));
+        self.improve(self.engine.reduced(set));
+        self.polish(members - 1);
+        // What was found for some blocks is part of other sets, too.
+        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let again = of_size.take(POLISHED);
+        let again = again.filter_map(|h| self.engine.hypothesis(&h.candidates));
+        let again: Vec<Hypothesis> = again.collect();
+        self.improve(again);
+        self.polish(members);
+    }
+
+    /// The best set whose members are all needed, also once it was reduced.
+    fn taken_reduced(&mut self) -> Option<Hypothesis> {
+        let mut reduced: Vec<Vec<usize>> = Vec::new();
+        loop {
+            let taken = self.taken()?;
+            if taken.candidates.len() < 2 || reduced.contains(&taken.candidates) {
+                return Some(taken);
+            }
+            self.reduce(&taken);
+            reduced.push(taken.candidates);
+        }
+    }
+
+    /// What is left of the leading sets that are varied without one of their members.
     fn subsets(&self, members: usize) -> Vec<Vec<usize>> {
         let mut subsets = Vec::new();
-        for set in self.leading(members, VARIED) {
+        for set in self.varied(members) {
             for place in 0..members {
                 let mut subset = set.clone();
                 subset.remove(place);
@@ -474,9 +537,11 @@ impl<M: Model> Search<'_, '_, M> {
             };
             let without = self.tried.iter().find(keeps);
             without.is_some_and(|without| {
-                // What is better only where it was fitted is fitted to what does not come back.
+                // What is better only where it was fitted is fitted to what does not come back,
+                // unless it brings nominal values back.
                 let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
-                lost <= GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
+                let nearer = (without.fit.prior - hypothesis.fit.prior).max(0.0);
+                lost <= nearer + GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
                     && hypothesis.fit.free_run < without.fit.free_run + GAIN
                     && self.agreed(hypothesis, place, without)
                     && self.score(without) - own >= self.asked(hypothesis, place, without)
@@ -557,26 +622,27 @@ impl<M: Model> Search<'_, '_, M> {
         let noise = hypothesis.fit.parts.iter().filter(own);
         let noise = noise.map(|part| self.doubt(part));
         // Only what is fitted to the same residuals, and may have another form, leaves something.
-        let beside = |part: &&Part| {
-            let mut others = without.candidates.iter().map(|other| &all[*other]);
-            own(part) && others.any(|other| !other.exact && other.blocks.contains(&part.block))
-        };
+        let others = || without.candidates.iter().map(|other| &all[*other]);
+        let touching = |block: usize| others().filter(move |other| other.blocks.contains(&block));
+        let beside =
+            |part: &&Part| own(part) && touching(part.block).any(|other| other.form_doubt > 0.0);
         let sum = |h: &Hypothesis, of: fn(&Tally) -> f64| -> f64 {
             let parts = h.fit.parts.iter().filter(beside);
             parts.map(|part| of(&part.total())).sum()
         };
         let cost = |h: &Hypothesis| sum(h, |total| total.outside);
         let null = self.tried.iter().find(|h| h.candidates.is_empty());
-        let share_of_all = if sum(without, excess_in) < GAIN {
-            SHARE_OF_ALL_QUIET
+        let doubt = if sum(without, excess_in) < GAIN {
+            DOUBT_WHERE_QUIET
         } else {
-            SHARE_OF_ALL
+            let touching = blocks.iter().flat_map(|block| touching(*block));
+            touching.map(|other| other.form_doubt).fold(0.0, f64::max)
         };
         let rest = SHARE_OF_WHOLE * cost(without);
         let of_others = null.map_or(0.0, |null| cost(null) - cost(without));
         let prior = hypothesis.fit.prior - without.fit.prior;
         GAIN.max(noise.sum())
-            .max(share_of_all * of_others)
+            .max(doubt.powi(2) * of_others)
             .max(rest)
             .max((prior - GAIN) / SHARE_OF_CALIBRATION)
     }
@@ -646,9 +712,12 @@ impl<M: Model> Search<'_, '_, M> {
         // Where a block is as good as its noise, what does not even promise to be seen is not
         // fitted.
         let promises = self.engine.promises(null)?;
-        // Where calibration has taken nominal values far, what an effect does there is no promise.
         let far = null.fit.prior > GAIN;
-        let share = if far { 0.0 } else { SHARE_OF_PROMISE };
+        let share = if far {
+            SHARE_OF_PROMISE_FAR
+        } else {
+            SHARE_OF_PROMISE
+        };
         let worth = |candidate: &usize| {
             let all = self.engine.model.candidates();
             let blocks = &all[*candidate].blocks;
@@ -672,15 +741,17 @@ impl<M: Model> Search<'_, '_, M> {
                 let variants = self.variants(members);
                 (self.watch)(Step::Stage("effects in other forms", variants.len()));
                 self.try_all(&variants);
-                self.try_all(&self.subsets(members));
             }
             self.reform(members);
-            let mut taken = self.taken();
+            if members > 1 {
+                self.try_all(&self.subsets(members));
+            }
+            let mut taken = self.taken_reduced();
             let whole = taken
                 .as_ref()
                 .filter(|best| best.candidates.len() == members);
             if whole.is_some_and(|best| members > 1 && self.replace(best)) {
-                taken = self.taken();
+                taken = self.taken_reduced();
             }
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.

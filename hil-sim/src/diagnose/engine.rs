@@ -71,8 +71,8 @@ pub struct Candidate {
     pub parameters: Vec<Parameter>,
     /// The blocks whose residuals it changes.
     pub blocks: Vec<usize>,
-    /// Its name says its form, so that a rig has it in no other.
-    pub exact: bool,
+    /// Share of it by which a rig may have it in another form; 0 where its name says the form.
+    pub form_doubt: f64,
 }
 
 /// A candidate with values of its parameters.
@@ -215,9 +215,15 @@ impl Fit {
         (self.effects, self.coordinates) = effects.into_iter().unzip();
     }
 
-    /// Cost of what was fitted, priors included.
+    /// Cost of what was fitted, priors included, as it is minimized.
     fn fitted(&self) -> f64 {
         let parts = self.parts.iter().map(|part| part.fitted.outside);
+        self.prior + parts.sum::<f64>()
+    }
+
+    /// Cost of what was fitted, priors included.
+    pub fn fitted_score(&self) -> f64 {
+        let parts = self.parts.iter().map(|part| part.fitted.cost);
         self.prior + parts.sum::<f64>()
     }
 
@@ -772,17 +778,33 @@ impl<'a, M: Model> Engine<'a, M> {
     /// where they are, as what has the same name in both is about the same. A form with several
     /// scales may have valleys in which it stays when it is started elsewhere.
     pub fn reformed(&self, others: &[OtherForm]) -> Vec<Hypothesis> {
-        let begun = others.iter().filter_map(|other| self.with_form(other));
+        self.fitted_there(others.iter().filter_map(|other| self.with_form(other)))
+    }
+
+    /// `of` without each of its candidates, the others fitted from where they are in it: alone they
+    /// may have stayed in another valley.
+    pub fn reduced(&self, of: &Hypothesis) -> Vec<Hypothesis> {
+        let effects = of.fit.effects.iter().enumerate();
+        self.fitted_there(effects.map(|(place, (own, _))| {
+            let mut begun = of.clone();
+            begun.fit.effects.remove(place);
+            begun.fit.coordinates.remove(place);
+            begun.candidates.retain(|candidate| candidate != own);
+            (begun, *own)
+        }))
+    }
+
+    /// Hypotheses that differ from others by a candidate, fitted from where they begin.
+    fn fitted_there(&self, begun: impl Iterator<Item = (Hypothesis, usize)>) -> Vec<Hypothesis> {
         let begun: Vec<(Hypothesis, usize)> = begun.collect();
         let fits = begun.par_iter();
-        let fits = fits.filter_map(|(begun, form)| self.refits(begun, *form));
+        let fits = fits.filter_map(|(begun, other)| self.refits(begun, *other));
         let fits: Vec<Vec<(Key, Fit)>> = fits.collect();
         // Not while others fit, which would begin by chance.
         self.keep(fits.into_iter().flatten());
-        let reformed = begun
-            .par_iter()
-            .filter_map(|(begun, _)| self.hypothesis(&begun.candidates));
-        reformed.collect()
+        let found = begun.par_iter();
+        let found = found.filter_map(|(begun, _)| self.hypothesis(&begun.candidates));
+        found.collect()
     }
 
     /// Where the fit with another form begins, and that form.
@@ -792,10 +814,19 @@ impl<'a, M: Model> Engine<'a, M> {
         let mut begun = of.clone();
         let place = of.fit.effects.iter().position(|(c, _)| *c == own)?;
         let (_, values) = &of.fit.effects[place];
+        let known = |parameter: &Parameter| {
+            let mut names = all[own].parameters.iter().zip(values);
+            names.find(|(same, _)| same.name == parameter.name)
+        };
+        let mut sizes = all[form].parameters.iter().filter(|p| p.neutral.is_some());
+        let sized = sizes.any(|size| known(size).is_some());
         let coordinate = |parameter: &Parameter| {
-            let names = all[own].parameters.iter().zip(values);
-            let mut same = names.filter(|(known, _)| known.name == parameter.name);
-            let x = same.next().map_or(1.0, |(_, v)| parameter.coordinate(*v));
+            let x = match (known(parameter), parameter.neutral) {
+                (Some((_, value)), _) => parameter.coordinate(*value),
+                // What a form has beside the known size does nothing yet.
+                (None, Some(none)) if sized && !parameter.log => parameter.coordinate(none),
+                (None, _) => 1.0,
+            };
             let (least, most) = parameter.reach();
             x.clamp(least, most)
         };
@@ -807,10 +838,13 @@ impl<'a, M: Model> Engine<'a, M> {
         Some((begun, form))
     }
 
-    /// Fits of the groups of `begun` that `candidate` touches.
+    /// Fits of the groups of `begun` that `candidate`, in it or not, touches.
     fn refits(&self, begun: &Hypothesis, candidate: usize) -> Option<Vec<(Key, Fit)>> {
+        let own = &self.model.candidates()[candidate].blocks;
         let groups = self.groups(&begun.candidates).into_iter();
-        let touched = groups.filter(|(_, touching)| touching.contains(&candidate));
+        let touched = groups.filter(|(blocks, touching)| {
+            !touching.is_empty() && blocks.iter().any(|block| own.contains(block))
+        });
         let fitted = touched.map(|(blocks, touching)| {
             let fit = self.refitted(begun, (&blocks, &touching), LOOSE, false)?;
             Some(((blocks, touching), fit))

@@ -171,7 +171,7 @@ impl MuscleModel {
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),
-            exact: kind.is_exact(),
+            form_doubt: kind.form_doubt(),
         });
         // An effect on no block that was measured cannot be seen.
         let candidates = candidates

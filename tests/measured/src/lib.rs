@@ -174,7 +174,7 @@ fn candidate(
         form,
         parameters,
         blocks: vec![0],
-        exact: false,
+        form_doubt: 0.05,
     }
 }
 

@@ -1,7 +1,7 @@
 //! What effects promise beside those that are there, before they are fitted.
 
 use super::super::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
-use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, change, starts};
+use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, change, starts, tally};
 use nalgebra::DVector;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -29,15 +29,19 @@ impl<M: Model> Engine<'_, M> {
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
     /// moved with it; the best of its starts. The predicted records count, as an effect may not be
     /// moved in the others. Costs one evaluation a start, or two; beside others, what promises
-    /// little from its first start is left at that. What all starts have promised where `base` is
-    /// no other is known.
+    /// little from its first start is left at that, and an effect of `base` promises nothing. What
+    /// all starts have promised where `base` is no other is known.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let all = self.model.candidates();
         let groups = self.groups(&base.candidates);
         let places: Vec<Place> = all.iter().map(|c| self.place(base, &groups, c)).collect();
+        let has = |effect| base.candidates.iter().any(|own| all[*own].effect == effect);
         let known: Vec<Option<f64>> = {
             let promised = self.promised.lock().ok()?;
-            let known = |(c, place): (usize, &Place)| promised.get(&(place.clone(), c)).copied();
+            let known = |(c, place): (usize, &Place)| {
+                let known = promised.get(&(place.clone(), c)).copied();
+                has(all[c].effect).then_some(0.0).or(known)
+            };
             places.iter().enumerate().map(known).collect()
         };
         let mut bases = BTreeMap::new();
@@ -95,7 +99,7 @@ impl<M: Model> Engine<'_, M> {
         let promises: Vec<(f64, bool)> = (0..all.len()).into_par_iter().map(best).collect();
         let mut promised = self.promised.lock().ok()?;
         for (c, place) in places.into_iter().enumerate() {
-            if let (promise, true) = promises[c] {
+            if let (None, (promise, true)) = (known[c], promises[c]) {
                 promised.insert((place, c), promise);
             }
         }
@@ -136,7 +140,8 @@ impl<M: Model> Engine<'_, M> {
     }
 }
 
-/// The least cost of residuals that change in proportion to coordinates.
+/// The least cost of residuals that change in proportion to coordinates. What dead zones hide of
+/// the noise is added to it: a wider one promises nothing by that alone.
 fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) -> f64 {
     let linearized = Linearized {
         residuals,
@@ -144,7 +149,9 @@ fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) ->
         priors,
         damping: DVector::from_element(priors.len(), 1e-9),
     };
-    linearized.cost(&linearized.minimum())
+    let step = linearized.minimum();
+    let rows = tally(&linearized.moved(&step), 0);
+    linearized.cost(&step) + rows.cost - rows.outside
 }
 
 /// `start` with the sizes that it begins with.

@@ -29,7 +29,7 @@ impl<M: Model> Engine<'_, M> {
         let costs = own.map(|(blocks, candidates)| {
             let all = self.model.candidates();
             let reshaped = reshaped.iter().copied();
-            let own = reshaped.filter(|c| candidates.contains(c) && !all[*c].exact);
+            let own = reshaped.filter(|c| candidates.contains(c) && all[*c].form_doubt > 0.0);
             let own: Vec<usize> = own.collect();
             let group = (records, &blocks[..], &candidates[..]);
             self.group_reshaped(hypothesis, group, &own)
