@@ -463,10 +463,9 @@ pub struct Beyond {
 impl Beyond {
     fn of(rig: &Rig) -> Beyond {
         let friction = |parameter| total(rig, "friction", parameter);
-        let above = friction("static_ratio").max(1.0) - 1.0;
         Beyond {
             mass_kg: total(rig, "payload", "mass_kg"),
-            friction_n: friction("force_n") * (1.0 + above) + friction("static_n"),
+            friction_n: friction("force_n") * friction("static_ratio").max(1.0),
         }
     }
 }

@@ -764,18 +764,18 @@ fn friction_is_that_of_a_rig_with_more_of_it() {
     let coulomb = effect("friction", "coulomb", &[("force_n", 8.0)]);
     assert_eq!(simulated(&rig(&coulomb, &[]), &record, CONTRACTION), rough);
     // At a Stribeck speed far above any, the excess is Coulomb friction; far below, static only.
-    let stribeck = |static_n: f64, speed_m_per_s: f64| {
+    let stribeck = |static_ratio: f64, speed_m_per_s: f64| {
         let parameters = [
-            ("force_n", 8.0 - static_n),
-            ("static_n", static_n),
+            ("force_n", 8.0 / static_ratio),
+            ("static_ratio", static_ratio),
             ("speed_m_per_s", speed_m_per_s),
         ];
         let effect = effect("friction", "stribeck", &parameters);
         simulated(&rig(&effect, &[]), &record, CONTRACTION)
     };
-    assert_eq!(stribeck(0.0, 0.01), rough);
-    let some = stribeck(8.0, 0.01);
-    assert!(apart(&stribeck(8.0, 1.0), &rough) < 0.2 * apart(&some, &rough));
+    assert_eq!(stribeck(1.0, 0.01), rough);
+    let some = stribeck(4.0, 0.01);
+    assert!(apart(&stribeck(4.0, 1.0), &rough) < 0.2 * apart(&some, &rough));
     // Bristles that hardly bend are Coulomb friction but for the static part.
     let parameters = [
         ("force_n", 8.0),

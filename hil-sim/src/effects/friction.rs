@@ -7,6 +7,8 @@ use crate::plant::term::Dynamics;
 use crate::rig::Weight;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 8.0).neutral(0.0);
+/// What holds a weight by more than this is no friction.
+const STATIC_RATIO: Parameter = Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3);
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "friction",
@@ -24,7 +26,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
-                    static_n: 0.0,
+                    static_ratio: 1.0,
                     speed_m_per_s: 1.0,
                 }))
             },
@@ -33,7 +35,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "stribeck",
             parameters: &[
                 FORCE_N,
-                Parameter::new("static_n", "N", (0.0, 1e2), 5.0).neutral(0.0),
+                STATIC_RATIO,
                 Parameter::new("speed_m_per_s", "m/s", (1e-4, 1.0), 1e-2).log(),
             ],
             source: "Coulomb and a static excess over it that falls as a Gaussian of the speed; \
@@ -41,7 +43,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
-                    static_n: values[1],
+                    static_ratio: values[1],
                     speed_m_per_s: values[2],
                 }))
             },
@@ -50,7 +52,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "lugre",
             parameters: &[
                 FORCE_N,
-                Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3),
+                STATIC_RATIO,
                 // With more it is a hysteresis.
                 Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4).log(),
             ],
@@ -70,7 +72,7 @@ pub(super) const KIND: EffectKind = EffectKind {
 
 struct Stribeck {
     force_n: f64,
-    static_n: f64,
+    static_ratio: f64,
     speed_m_per_s: f64,
 }
 
@@ -80,12 +82,12 @@ impl LoadTerm for Stribeck {
     fn change(&self, at: &LoadPoint, _: &[f64], weight: &mut Weight, _: &mut f64) {
         let speed_m_per_s = at.initial_length_m * at.contraction_rate_per_s;
         let relative = speed_m_per_s / self.speed_m_per_s;
-        let excess_n = match self.static_n {
+        let excess = match self.static_ratio - 1.0 {
             0.0 => 0.0,
-            static_n => static_n * (-relative * relative).exp(),
+            excess => excess * (-relative * relative).exp(),
         };
-        weight.coulomb_friction_n += self.force_n + excess_n;
-        weight.static_friction_n += self.force_n + self.static_n;
+        weight.coulomb_friction_n += self.force_n * (1.0 + excess);
+        weight.static_friction_n += self.force_n * self.static_ratio;
     }
 }
 

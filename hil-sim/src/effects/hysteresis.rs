@@ -12,7 +12,8 @@ use model_core::muscle::Muscle;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 20.0).neutral(0.0);
 const REACH: Parameter = Parameter::new("reach", "1", (1e-4, 0.5), 0.02).log();
-const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 1.0), 0.2);
+/// What does not grow with pressure is friction.
+const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 0.6), 0.2);
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "hysteresis",
