@@ -2,11 +2,10 @@
 //!
 //! Effects are tried alone, then in pairs and more: each set that leads, over all, over one block
 //! alone, near the nominal values or where it was fitted, is joined with what promises most beyond
-//! it. A set is taken if
-//! each of its members is needed: without it much of what is then left would be explained by
-//! nothing else. What promises most in a member's place is tried there, and of sets that cannot be
-//! told apart the one with the fewest parameters is taken. What the set leaves decides whether it
-//! is named at all.
+//! it. A set is taken if each of its members is needed: without it much of what is then left would
+//! be explained by nothing else. What promises most in a member's place is tried there, and of sets
+//! that cannot be told apart the one with the fewest parameters is taken. What the set leaves
+//! decides whether it is named at all.
 
 use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
 use rayon::prelude::*;
@@ -179,14 +178,27 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// Cost with what parameters gain by themselves.
     fn score(&self, hypothesis: &Hypothesis) -> f64 {
-        let parameters = self.parameters(&hypothesis.candidates);
-        hypothesis.fit.score() + GAIN_PARAMETER * parameters as f64
+        hypothesis.fit.score() + self.gain_of_parameters(hypothesis)
     }
 
     /// The same of what was fitted alone.
     fn fitted_score(&self, hypothesis: &Hypothesis) -> f64 {
-        let parameters = self.parameters(&hypothesis.candidates);
-        hypothesis.fit.fitted_score() + GAIN_PARAMETER * parameters as f64
+        hypothesis.fit.fitted_score() + self.gain_of_parameters(hypothesis)
+    }
+
+    fn gain_of_parameters(&self, hypothesis: &Hypothesis) -> f64 {
+        GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
+    }
+
+    /// What was tried without any effect.
+    fn null(&self) -> Option<&Hypothesis> {
+        self.of_size(0).next()
+    }
+
+    /// What was tried with so many members, best first.
+    fn of_size(&self, members: usize) -> impl Iterator<Item = &Hypothesis> {
+        let tried = self.tried.iter();
+        tried.filter(move |h| h.candidates.len() == members)
     }
 
     fn sort(&mut self) {
@@ -217,11 +229,8 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// Makes the leading sets of `members` exact.
     fn polish(&mut self, members: usize) {
-        let of_size = |h: &&Hypothesis| h.candidates.len() == members;
         let leading: Vec<Hypothesis> = self
-            .tried
-            .iter()
-            .filter(of_size)
+            .of_size(members)
             .take(POLISHED)
             .filter(|h| !h.polished)
             .cloned()
@@ -274,8 +283,9 @@ impl<M: Model> Search<'_, '_, M> {
         let near = |h: &Hypothesis| self.score(h) + h.fit.prior / SHARE_OF_PRIOR;
         let fitted = |h: &Hypothesis| self.fitted_score(h);
         for cost in [&near as &dyn Fn(&Hypothesis) -> f64, &fitted] {
-            let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-            let least = of_size.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+            let least = self
+                .of_size(members)
+                .min_by(|a, b| cost(a).total_cmp(&cost(b)));
             let least = least.map(|least| least.candidates.clone());
             leaders.extend(least.filter(|least| !leaders.contains(least)));
         }
@@ -357,15 +367,14 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// The sets of `members` that cost least, with different names.
     fn leading(&self, members: usize, count: usize) -> Vec<Vec<usize>> {
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        self.distinct(of_size.map(|h| h.candidates.clone()), count)
+        let sets = self.of_size(members).map(|h| h.candidates.clone());
+        self.distinct(sets, count)
     }
 
     /// Leading sets of which other forms are tried: none that fits no better than some of it does.
     fn varied(&self, members: usize) -> Vec<Vec<usize>> {
         let cost = |h: &Hypothesis| self.fitted_score(h);
-        let null = self.tried.iter().find(|h| h.candidates.is_empty());
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
+        let null = self.null();
         let idle = |set: &&Hypothesis| {
             let mut parts = self.tried.iter().filter(|h| h.candidates.len() < members);
             parts.any(|part| {
@@ -376,7 +385,7 @@ impl<M: Model> Search<'_, '_, M> {
                     && cost(part) - cost(set) < GAIN.max(SHARE_OF_PART * gained)
             })
         };
-        let moved = of_size.filter(|set| !idle(set));
+        let moved = self.of_size(members).filter(|set| !idle(set));
         self.distinct(moved.map(|h| h.candidates.clone()), VARIED)
     }
 
@@ -441,8 +450,7 @@ impl<M: Model> Search<'_, '_, M> {
         self.improve(self.engine.reduced(set));
         self.polish(members - 1);
         // What was found for some blocks is part of other sets, too.
-        let of_size = self.tried.iter().filter(|h| h.candidates.len() == members);
-        let again = of_size.take(POLISHED);
+        let again = self.of_size(members).take(POLISHED);
         let again = again.filter_map(|h| self.engine.hypothesis(&h.candidates));
         let again: Vec<Hypothesis> = again.collect();
         self.improve(again);
@@ -497,7 +505,7 @@ impl<M: Model> Search<'_, '_, M> {
             return false;
         }
         let own = self.score(hypothesis);
-        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let null = self.null();
         if hypothesis
             .fit
             .effects
@@ -541,7 +549,7 @@ impl<M: Model> Search<'_, '_, M> {
                 // unless it brings nominal values back.
                 let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
                 let nearer = (without.fit.prior - hypothesis.fit.prior).max(0.0);
-                lost <= nearer + GAIN_PARAMETER * self.parameters(&hypothesis.candidates) as f64
+                lost <= nearer + self.gain_of_parameters(hypothesis)
                     && hypothesis.fit.free_run < without.fit.free_run + GAIN
                     && self.agreed(hypothesis, place, without)
                     && self.score(without) - own >= self.asked(hypothesis, place, without)
@@ -631,7 +639,7 @@ impl<M: Model> Search<'_, '_, M> {
             parts.map(|part| of(&part.total())).sum()
         };
         let cost = |h: &Hypothesis| sum(h, |total| total.outside);
-        let null = self.tried.iter().find(|h| h.candidates.is_empty());
+        let null = self.null();
         let doubt = if sum(without, excess_in) < GAIN {
             DOUBT_WHERE_QUIET
         } else {
