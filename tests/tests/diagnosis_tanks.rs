@@ -152,6 +152,8 @@ fn catalogue() -> Vec<Candidate> {
             usual,
             log,
             neutral: (!log).then_some(0.0),
+            // A larger offset would be another sensor.
+            another: [effect == "sensor-offset"; 2],
         }],
         blocks: vec![block],
         form_doubt: 0.05,
@@ -411,5 +413,28 @@ fn an_effect_taken_out_of_the_catalogue_is_not_named_as_another() {
             Verdict::Unexplained,
             "{effect} as {found:?}"
         );
+    }
+}
+
+#[test]
+fn what_is_left_of_one_block_leaves_all_unexplained() {
+    let (effect, size) = HIDDEN[3];
+    let mut tanks = Tanks::new(&TRUE).with(effect, size);
+    // The pump's voltage explains nearly all of what is above the noise, and nothing of the swell.
+    tanks.swell_m_per_s = 0.004;
+    let choice = chosen(&TankModel::new(&tanks, 1, &[]));
+    assert_eq!(choice.verdict, Verdict::Unexplained, "{}", choice.share);
+    assert!(choice.share > 0.8, "{}", choice.share);
+    assert_eq!(choice.left, [UPPER, LOWER]);
+}
+
+#[test]
+fn an_estimate_at_the_end_of_what_an_effect_may_be_is_not_named() {
+    for (size, names) in [(-0.19, &["sensor-offset"][..]), (-0.2, &[])] {
+        let tanks = Tanks::new(&TRUE).with("sensor-offset", size);
+        let model = TankModel::new(&tanks, 1, &[]);
+        let choice = chosen(&model);
+        assert_eq!(self::names(&model, &choice), names, "{size} m");
+        assert!(choice.share > 0.99, "{size} m: {}", choice.share);
     }
 }

@@ -69,6 +69,13 @@ const SHARE: f64 = 0.7;
 /// form, and so it does on real rigs; a wrong one in its place up to three.
 const SHARE_PLAIN: f64 = 0.8;
 const PLAIN: f64 = 2.0;
+/// Share of what is above the noise in one block that must be explained: less is of nominal values
+/// that the block shares with others, and the rest another effect's. Beside right names it was
+/// seen to be 0.44 at least.
+const SHARE_OF_BLOCK: f64 = 0.33;
+/// What nominal values may cost beside named effects: one of them by 20 standard deviations. Beside
+/// right names they were seen to cost half as much.
+const TOO_FAR: f64 = 200.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
 const SHARE_LEFT: f64 = 0.15;
 /// Names whose sets cost less than this more, beside what is left, cannot be told apart.
@@ -107,11 +114,11 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// What the rig is taken to be: the best set, unless it leaves too much to be named.
+    /// What the rig is taken to be: the best set, if it is named.
     pub fn taken(&self) -> &Hypothesis {
         match self.verdict {
-            Verdict::Unexplained => &self.null,
-            Verdict::Consistent | Verdict::Explained => &self.best,
+            Verdict::Unexplained | Verdict::Consistent => &self.null,
+            Verdict::Explained => &self.best,
         }
     }
 }
@@ -715,6 +722,44 @@ impl<M: Model> Search<'_, '_, M> {
         near.into_iter().find(|h| self.needed(h))
     }
 
+    /// Whether a block is above its noise, and `best` explains hardly any of it.
+    fn hardly_explained(&self, null: &Hypothesis, best: &Hypothesis, block: usize) -> bool {
+        let part = best.fit.parts.iter().find(|part| part.block == block);
+        let noise = part.map_or(0.0, |part| self.doubt(part));
+        let after = excess_of(&best.fit, block);
+        after > GAIN.max(noise) && after > (1.0 - SHARE_OF_BLOCK) * excess_of(&null.fit, block)
+    }
+
+    /// Whether `best` may be named: what it leaves, where its parameters are, and how far it moves
+    /// nominal values.
+    fn named(&self, null: &Hypothesis, best: &Hypothesis, share: f64) -> bool {
+        let all = self.engine.model.candidates();
+        let mut effects = best.fit.effects.iter();
+        let another = effects.any(|(own, values)| {
+            let mut values = all[*own].parameters.iter().zip(values);
+            values.any(|(parameter, value)| parameter.at_another(*value))
+        });
+        if best.candidates.is_empty() || another || best.fit.prior > TOO_FAR {
+            return false;
+        }
+        if excess(&null.fit) < GAIN {
+            // What brings values back within their tolerances leaves nothing to explain.
+            return true;
+        }
+        let mut parts = best.fit.parts.iter();
+        let hardly = parts.any(|part| self.hardly_explained(null, best, part.block));
+        let changes = |part: &&Part| {
+            let mut own = best.candidates.iter();
+            own.any(|own| all[*own].blocks.contains(&part.block))
+        };
+        let plain = best.fit.parts.iter().filter(changes).any(|part| {
+            let total = part.total();
+            total.outside > PLAIN * total.count as f64
+        });
+        let asked = if plain { SHARE_PLAIN } else { SHARE };
+        share >= asked && !hardly
+    }
+
     /// Tries effects alone, then what leads among them together.
     fn run(&mut self, null: &Hypothesis) -> Option<()> {
         // Where a block is as good as its noise, what does not even promise to be seen is not
@@ -811,21 +856,12 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     } else {
         1.0
     };
-    let changes = |part: &&Part| {
-        let mut named = best.candidates.iter();
-        named.any(|own| engine.model.candidates()[*own].blocks.contains(&part.block))
-    };
-    let left_plainly = best.fit.parts.iter().filter(changes).any(|part| {
-        let total = part.total();
-        total.outside > PLAIN * total.count as f64
-    });
-    let asked = if left_plainly { SHARE_PLAIN } else { SHARE };
-    let within = null.fit.prior < GAIN;
-    let verdict = match (best.candidates.is_empty(), above < GAIN) {
-        (true, true) if within => Verdict::Consistent,
-        // What brings values back within their tolerances leaves nothing to explain.
-        (false, quiet) if quiet || share >= asked => Verdict::Explained,
-        _ => Verdict::Unexplained,
+    let verdict = if search.named(&null, &best, share) {
+        Verdict::Explained
+    } else if above < GAIN && null.fit.prior < GAIN {
+        Verdict::Consistent
+    } else {
+        Verdict::Unexplained
     };
     // Only a calibration that went too far is left then.
     let far = verdict == Verdict::Unexplained && above < GAIN;
@@ -833,7 +869,10 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
     let farthest = deviations.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
     let left = (0..engine.model.blocks().len()).filter(|block| match verdict {
         Verdict::Unexplained if far => farthest.is_some_and(|(_, blocks)| blocks.contains(block)),
-        Verdict::Unexplained => excess_of(&null.fit, *block) > 0.1 * above,
+        Verdict::Unexplained => {
+            excess_of(&null.fit, *block) > 0.1 * above
+                || search.hardly_explained(&null, &best, *block)
+        }
         Verdict::Consistent | Verdict::Explained => false,
     });
     Some(Choice {

@@ -31,7 +31,12 @@ pub struct Parameter {
     pub log: bool,
     /// Its value where it does nothing, if there is one.
     pub neutral: Option<f64>,
+    /// Whether below its smallest, and above its largest value, it would be another effect.
+    pub another: [bool; 2],
 }
+
+/// Of a usual size, or of a logarithm: what is nearer to an end of a range is at it.
+const AT_END: f64 = 0.01;
 
 impl Parameter {
     /// The value at coordinate `x`: 1 is the usual size.
@@ -51,6 +56,14 @@ impl Parameter {
         } else {
             value / self.usual
         }
+    }
+
+    /// Whether `value` is at an end beyond which it would be another effect.
+    pub fn at_another(&self, value: f64) -> bool {
+        let x = self.coordinate(value);
+        let ends = [self.range.0, self.range.1].map(|end| self.coordinate(end));
+        let mut ends = ends.into_iter().zip(self.another);
+        ends.any(|(end, another)| another && (x - end).abs() < AT_END)
     }
 
     /// The least and the largest coordinate.

@@ -84,8 +84,7 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
         ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
-        // Where the force is measured, the balance of the load is taken with it.
-        ("force-sensor-offset", _) => &[FORCE, LOAD],
+        ("force-sensor-offset", _) => &[FORCE],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
@@ -93,10 +92,11 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     }
 }
 
-/// Whether records can show an effect at all: what they measure and move.
-fn can_show(name: &str, place: &str, force_measured: bool, contraction_moves: bool) -> bool {
+/// Whether records can show an effect at all: on a bench or not, and what they move.
+fn can_show(name: &str, place: &str, bench: bool, contraction_moves: bool) -> bool {
     match (name, place) {
-        ("force-sensor-offset", _) => force_measured,
+        // Under a weight it is a payload but for the inertia, which γ's tolerance hides.
+        ("force-sensor-offset", _) => bench,
         // It is in the contraction's direction and way; at rest it is a constant that others are.
         ("hysteresis", _) | (_, "load") => contraction_moves,
         _ => true,
@@ -152,7 +152,7 @@ impl MuscleModel {
         let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
         let kinds = CATALOGUE.iter().filter(|kind| {
             !without.iter().any(|name| name == kind.name)
-                && can_show(kind.name, kind.block, has(FORCE_N), moves)
+                && can_show(kind.name, kind.block, bench, moves)
         });
         let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
         let candidates = forms.map(|(kind, form)| Candidate {
@@ -168,6 +168,7 @@ impl MuscleModel {
                     usual: p.usual,
                     log: p.log,
                     neutral: p.neutral,
+                    another: p.another,
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),

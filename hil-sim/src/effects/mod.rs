@@ -52,6 +52,8 @@ pub struct Parameter {
     /// Its value in a rig without the effect. The effect vanishes where all parameters that have
     /// such a value are at it; where none has, it does not vanish.
     pub neutral: Option<f64>,
+    /// Whether below `min`, and above `max`, it would be another effect.
+    pub another: [bool; 2],
 }
 
 impl Parameter {
@@ -69,6 +71,7 @@ impl Parameter {
             usual,
             log: false,
             neutral: None,
+            another: [false; 2],
         }
     }
 
@@ -79,6 +82,24 @@ impl Parameter {
     const fn neutral(self, value: f64) -> Parameter {
         Parameter {
             neutral: Some(value),
+            ..self
+        }
+    }
+
+    /// Below its least value it is another effect.
+    const fn another_below(self) -> Parameter {
+        let [_, above] = self.another;
+        Parameter {
+            another: [true, above],
+            ..self
+        }
+    }
+
+    /// Above its largest value it is another effect.
+    const fn another_above(self) -> Parameter {
+        let [below, _] = self.another;
+        Parameter {
+            another: [below, true],
             ..self
         }
     }

@@ -37,7 +37,9 @@ pub(super) const KIND: EffectKind = EffectKind {
             parameters: &[
                 Parameter::new("drift_pa", "Pa", (-1e5, 1e5), 3e3).neutral(0.0),
                 // Faster than this it is an offset.
-                Parameter::new("time_constant_s", "s", (2.0, 1e4), 20.0).log(),
+                Parameter::new("time_constant_s", "s", (2.0, 1e4), 20.0)
+                    .log()
+                    .another_below(),
             ],
             source: "An offset that approaches its size exponentially from none at the record's \
                      time 0. Leaves out a temperature that follows the use.",

@@ -8,7 +8,9 @@ use model_core::muscle::Muscle;
 
 const SHARE: Parameter = Parameter::new("share", "1", (-0.5, 0.5), 0.05).neutral(0.0);
 /// What takes longer than some thirty cycles is, of the first few, a gain of the force.
-const DISTANCE: Parameter = Parameter::new("distance", "1", (1e-2, 20.0), 0.5).log();
+const DISTANCE: Parameter = Parameter::new("distance", "1", (1e-2, 20.0), 0.5)
+    .log()
+    .another_above();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "run-in",
@@ -35,7 +37,12 @@ pub(super) const KIND: EffectKind = EffectKind {
         },
         Form {
             name: "cyclic",
-            parameters: &[SHARE, Parameter::new("cycles", "1", (0.1, 30.0), 2.0).log()],
+            parameters: &[
+                SHARE,
+                Parameter::new("cycles", "1", (0.1, 30.0), 2.0)
+                    .log()
+                    .another_above(),
+            ],
             source: "A share of the force that decays exponentially with the cycles, of which all \
                      of more than 0.02 of contraction count the same: half of each is done in \
                      the first 0.02 after a turn. Leaves out recovery during a rest.",

@@ -20,7 +20,10 @@ pub(super) const KIND: EffectKind = EffectKind {
         },
         Form {
             name: "dispersed",
-            parameters: &[DELAY_S, Parameter::new("dispersion", "1", (0.0, 0.5), 0.2)],
+            parameters: &[
+                DELAY_S,
+                Parameter::new("dispersion", "1", (0.0, 0.5), 0.2).another_above(),
+            ],
             source: "A command that arrives spread about its delay, with a standard deviation of \
                      this share of it: a shorter delay and two equal lags (tanks in series, \
                      Levenspiel 1999), which below 2.5 ms are none. Leaves out a bus that samples.",
