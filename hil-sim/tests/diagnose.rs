@@ -214,6 +214,13 @@ fn a_rig_of_half_the_length_is_doubted_and_nothing_is_named() {
     );
 }
 
+/// What a diagnosis names.
+fn names(diagnosis: &Value) -> Vec<&str> {
+    let effects = diagnosis["effects"].as_array().expect("effects").iter();
+    let names = effects.filter_map(|effect| effect["name"].as_str());
+    names.collect()
+}
+
 fn assert_threads_change_nothing(case: &truth::Case, effects: &[&str]) {
     let diagnosis = |threads: &str| {
         let bench = Bench::of(case);
@@ -227,9 +234,7 @@ fn assert_threads_change_nothing(case: &truth::Case, effects: &[&str]) {
         found
     };
     let one = diagnosis("1");
-    let found = one["effects"].as_array().expect("effects").iter();
-    let found: Vec<&str> = found.filter_map(|effect| effect["name"].as_str()).collect();
-    assert_eq!(found, effects);
+    assert_eq!(names(&one), effects);
     assert_eq!(one, diagnosis("2"));
 }
 
@@ -245,6 +250,23 @@ fn the_number_of_threads_changes_nothing() {
 )]
 fn the_number_of_threads_changes_nothing_about_two_effects() {
     assert_threads_change_nothing(&truth::case(11, 11), &["valve-lag", "leak"]);
+}
+
+/// The offset is small beside the slack, but shows in equations that a slack does not change.
+#[test]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "takes minutes where not optimised: `cargo test --release --test diagnose`"
+)]
+fn a_small_effect_is_named_where_the_large_one_changes_nothing() {
+    let case = truth::case(2046, 131);
+    let bench = Bench::of(&case);
+    bench.write("a.csv", &case.fit[0]);
+    bench.write("b.csv", &case.validate[0]);
+    let (status, message) = bench.run("b.csv", &[]);
+    assert_eq!(status, Some(0), "{message}");
+    let found = bench.diagnosis();
+    assert_eq!(names(&found), ["slack", "contraction-sensor-offset"]);
 }
 
 /// docs/diagnosis.md, as a newcomer types it; only `out/` is elsewhere.

@@ -152,8 +152,8 @@ fn catalogue() -> Vec<Candidate> {
             usual,
             log,
             neutral: (!log).then_some(0.0),
-            // A larger offset would be another sensor.
-            another: [effect == "sensor-offset"; 2],
+            // A sensor that hangs lower would be wet.
+            ends: [effect == "sensor-offset", false],
         }],
         blocks: vec![block],
         form_doubt: 0.05,
@@ -420,7 +420,7 @@ fn an_effect_taken_out_of_the_catalogue_is_not_named_as_another() {
 fn what_is_left_of_one_block_leaves_all_unexplained() {
     let (effect, size) = HIDDEN[3];
     let mut tanks = Tanks::new(&TRUE).with(effect, size);
-    // The pump's voltage explains nearly all of what is above the noise, and nothing of the swell.
+    // The saturation explains nearly all of what is above the noise, and nothing of the swell.
     tanks.swell_m_per_s = 0.004;
     let choice = chosen(&TankModel::new(&tanks, 1, &[]));
     assert_eq!(choice.verdict, Verdict::Unexplained, "{}", choice.share);
@@ -429,12 +429,15 @@ fn what_is_left_of_one_block_leaves_all_unexplained() {
 }
 
 #[test]
-fn an_estimate_at_the_end_of_what_an_effect_may_be_is_not_named() {
-    for (size, names) in [(-0.19, &["sensor-offset"][..]), (-0.2, &[])] {
+fn an_estimate_where_its_effect_ends_is_not_named() {
+    let named = (Verdict::Explained, &["sensor-offset"][..]);
+    let refused = (Verdict::Unexplained, &[][..]);
+    for (size, expected) in [(-0.19, named), (-0.2, refused), (0.2, named)] {
         let tanks = Tanks::new(&TRUE).with("sensor-offset", size);
         let model = TankModel::new(&tanks, 1, &[]);
         let choice = chosen(&model);
-        assert_eq!(self::names(&model, &choice), names, "{size} m");
+        let found = names(&model, &choice);
+        assert_eq!((choice.verdict, &found[..]), expected, "{size} m");
         assert!(choice.share > 0.99, "{size} m: {}", choice.share);
     }
 }

@@ -4,8 +4,8 @@
 //! alone, near the nominal values or where it was fitted, is joined with what promises most beyond
 //! it. A set is taken if each of its members is needed: without it much of what is then left would
 //! be explained by nothing else. What promises most in a member's place is tried there, and of sets
-//! that cannot be told apart the one with the fewest parameters is taken. What the set leaves
-//! decides whether it is named at all.
+//! that cannot be told apart the one with the fewest parameters is taken. What the set leaves, and
+//! where its values are, decide whether it is named at all.
 
 use super::engine::{Active, Engine, Fit, Hypothesis, Model, OtherForm, Part, Tally};
 use rayon::prelude::*;
@@ -69,13 +69,13 @@ const SHARE: f64 = 0.7;
 /// form, and so it does on real rigs; a wrong one in its place up to three.
 const SHARE_PLAIN: f64 = 0.8;
 const PLAIN: f64 = 2.0;
-/// Share of what is above the noise in one block that must be explained: less is of nominal values
-/// that the block shares with others, and the rest another effect's. Beside right names it was
-/// seen to be 0.44 at least.
-const SHARE_OF_BLOCK: f64 = 0.33;
-/// What nominal values may cost beside named effects: one of them by 20 standard deviations. Beside
-/// right names they were seen to cost half as much.
-const TOO_FAR: f64 = 200.0;
+/// Share of what is above the noise in one block that must be explained where it has half the
+/// square of √2 noises left: less is of nominal values that the block shares with others, and the
+/// rest another effect's.
+const SHARE_OF_BLOCK: f64 = 1.0 / 3.0;
+/// Standard deviations by which named effects may move a nominal value: right ones, in other forms
+/// than the rig's, were seen to move a static friction by 15.
+pub(super) const TOO_FAR: f64 = 20.0;
 /// Share of what is above the noise that may be left before three effects are tried together.
 const SHARE_LEFT: f64 = 0.15;
 /// Names whose sets cost less than this more, beside what is left, cannot be told apart.
@@ -557,9 +557,9 @@ impl<M: Model> Search<'_, '_, M> {
                 let lost = predicted(&hypothesis.fit) - predicted(&without.fit);
                 let nearer = (without.fit.prior - hypothesis.fit.prior).max(0.0);
                 lost <= nearer + self.gain_of_parameters(hypothesis)
-                    && hypothesis.fit.free_run < without.fit.free_run + GAIN
+                    && hypothesis.fit.free_run < without.fit.free_run + nearer + GAIN
                     && self.agreed(hypothesis, place, without)
-                    && self.score(without) - own >= self.asked(hypothesis, place, without)
+                    && self.gains(hypothesis, place, without)
                     && self.beyond_form(hypothesis, place, without)
             })
         })
@@ -627,6 +627,45 @@ impl<M: Model> Search<'_, '_, M> {
             let of_form = (plain - reshaped).min(SHARE_OF_REST * reshaped);
             reshaped - with >= gain.max(SHARE_OF_MEMBER * left).max(of_form)
         })
+    }
+
+    /// Whether the member at `place` of `hypothesis` gains enough over what is `without` it, in all
+    /// or in the blocks that no other member changes.
+    fn gains(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
+        let gain = self.score(without) - self.score(hypothesis);
+        gain >= self.asked(hypothesis, place, without)
+            || gain >= GAIN && self.gains_apart(hypothesis, place, without)
+    }
+
+    /// Whether it does in these, where no form of the others can be what it explains: nor do
+    /// nominal values tie them to what the others change.
+    fn gains_apart(&self, hypothesis: &Hypothesis, place: usize, without: &Hypothesis) -> bool {
+        let all = self.engine.model.candidates();
+        let mut others = hypothesis.candidates.clone();
+        let own = &all[others.remove(place)];
+        let groups = self.engine.groups(&others).into_iter();
+        let free = groups.filter(|(_, touching)| touching.is_empty());
+        let free: Vec<usize> = free.flat_map(|(blocks, _)| blocks).collect();
+        let apart = |part: &&Part| own.blocks.contains(&part.block) && free.contains(&part.block);
+        let cost = |h: &Hypothesis| -> f64 {
+            let parts = h.fit.parts.iter().filter(apart);
+            parts.map(|part| part.total().cost).sum::<f64>() + h.fit.prior
+        };
+        let noise = hypothesis.fit.parts.iter().filter(apart);
+        let noise: f64 = noise.map(|part| self.doubt(part)).sum();
+        let moved = (hypothesis.fit.prior - without.fit.prior - GAIN) / SHARE_OF_CALIBRATION;
+        let gain = cost(without) - cost(hypothesis) - GAIN_PARAMETER * own.parameters.len() as f64;
+        // What another effect would explain better there is not this one's.
+        let rival = |h: &Hypothesis| {
+            let beside = others.iter().all(|other| {
+                let mut names = h.candidates.iter().map(|c| self.name(*c));
+                names.any(|name| name == self.name(*other))
+            });
+            beside
+                && h.candidates.len() == hypothesis.candidates.len()
+                && cost(h) < cost(hypothesis) - MARGIN
+        };
+        gain >= GAIN.max(noise).max(moved) && !self.tried.iter().any(rival)
     }
 
     /// What the member at `place` of `hypothesis` must gain over what is `without` it.
@@ -700,7 +739,20 @@ impl<M: Model> Search<'_, '_, M> {
     /// The best set whose members are all needed.
     fn taken(&self) -> Option<Hypothesis> {
         let best = self.tried.iter().find(|h| self.needed(h))?;
-        Some(self.simpler(best).unwrap_or(best).clone())
+        let best = self.simpler(best).unwrap_or(best);
+        Some(self.inside(best).unwrap_or(best).clone())
+    }
+
+    /// If an effect of `best` is where it ends: what cannot be told from it, of the same names in
+    /// other forms, and is not.
+    fn inside(&self, best: &Hypothesis) -> Option<&Hypothesis> {
+        let names = |h: &Hypothesis| -> Vec<&str> {
+            let mut names: Vec<&str> = h.candidates.iter().map(|c| self.name(*c)).collect();
+            names.sort_unstable();
+            names
+        };
+        let mut near = self.near(best).filter(|_| self.at_end(best));
+        near.find(|h| names(h) == names(best) && !self.at_end(h) && self.needed(h))
     }
 
     /// Of what cannot be told from `best`, with one member of another name, that with the fewest
@@ -722,32 +774,35 @@ impl<M: Model> Search<'_, '_, M> {
         near.into_iter().find(|h| self.needed(h))
     }
 
-    /// Whether a block is above its noise, and `best` explains hardly any of it.
+    /// Whether `best` explains hardly any of what a block has, and leaves plenty.
     fn hardly_explained(&self, null: &Hypothesis, best: &Hypothesis, block: usize) -> bool {
-        let part = best.fit.parts.iter().find(|part| part.block == block);
-        let noise = part.map_or(0.0, |part| self.doubt(part));
-        let after = excess_of(&best.fit, block);
-        after > GAIN.max(noise) && after > (1.0 - SHARE_OF_BLOCK) * excess_of(&null.fit, block)
+        let (before, after) = (excess_of(&null.fit, block), excess_of(&best.fit, block));
+        let mut parts = best.fit.parts.iter().filter(|part| part.block == block);
+        let plenty = parts.any(|part| part.total().outside > part.total().count as f64);
+        plenty && after > (1.0 - SHARE_OF_BLOCK) * before
+    }
+
+    /// Whether an effect of `hypothesis` is where it ends.
+    fn at_end(&self, hypothesis: &Hypothesis) -> bool {
+        let all = self.engine.model.candidates();
+        hypothesis.fit.effects.iter().any(|(own, values)| {
+            let mut values = all[*own].parameters.iter().zip(values);
+            values.any(|(parameter, value)| parameter.at_end(*value))
+        })
     }
 
     /// Whether `best` may be named: what it leaves, where its parameters are, and how far it moves
     /// nominal values.
     fn named(&self, null: &Hypothesis, best: &Hypothesis, share: f64) -> bool {
-        let all = self.engine.model.candidates();
-        let mut effects = best.fit.effects.iter();
-        let another = effects.any(|(own, values)| {
-            let mut values = all[*own].parameters.iter().zip(values);
-            values.any(|(parameter, value)| parameter.at_another(*value))
-        });
-        if best.candidates.is_empty() || another || best.fit.prior > TOO_FAR {
+        let mut moved = best.fit.nominal.iter().map(|deviations| deviations.abs());
+        if best.candidates.is_empty() || self.at_end(best) || moved.any(|by| by > TOO_FAR) {
             return false;
         }
         if excess(&null.fit) < GAIN {
             // What brings values back within their tolerances leaves nothing to explain.
             return true;
         }
-        let mut parts = best.fit.parts.iter();
-        let hardly = parts.any(|part| self.hardly_explained(null, best, part.block));
+        let all = self.engine.model.candidates();
         let changes = |part: &&Part| {
             let mut own = best.candidates.iter();
             own.any(|own| all[*own].blocks.contains(&part.block))
@@ -757,6 +812,8 @@ impl<M: Model> Search<'_, '_, M> {
             total.outside > PLAIN * total.count as f64
         });
         let asked = if plain { SHARE_PLAIN } else { SHARE };
+        let mut parts = best.fit.parts.iter();
+        let hardly = parts.any(|part| self.hardly_explained(null, best, part.block));
         share >= asked && !hardly
     }
 

@@ -31,12 +31,10 @@ pub struct Parameter {
     pub log: bool,
     /// Its value where it does nothing, if there is one.
     pub neutral: Option<f64>,
-    /// Whether below its smallest, and above its largest value, it would be another effect.
-    pub another: [bool; 2],
+    /// Whether the effect ends at its smallest, and at its largest value: what is beyond is another,
+    /// or none.
+    pub ends: [bool; 2],
 }
-
-/// Of a usual size, or of a logarithm: what is nearer to an end of a range is at it.
-const AT_END: f64 = 0.01;
 
 impl Parameter {
     /// The value at coordinate `x`: 1 is the usual size.
@@ -58,12 +56,12 @@ impl Parameter {
         }
     }
 
-    /// Whether `value` is at an end beyond which it would be another effect.
-    pub fn at_another(&self, value: f64) -> bool {
+    /// Whether `value` is where the effect ends.
+    pub fn at_end(&self, value: f64) -> bool {
         let x = self.coordinate(value);
         let ends = [self.range.0, self.range.1].map(|end| self.coordinate(end));
-        let mut ends = ends.into_iter().zip(self.another);
-        ends.any(|(end, another)| another && (x - end).abs() < AT_END)
+        let mut ends = ends.into_iter().zip(self.ends);
+        ends.any(|(end, ends)| ends && (x - end).abs() < AT_END)
     }
 
     /// The least and the largest coordinate.
@@ -249,6 +247,8 @@ impl Fit {
 
 /// How far the prior of a parameter lets it go: its coordinate is 1 ± this.
 const EFFECT_PRIOR: f64 = 5.0;
+/// What is nearer to the end of a range is at it, in coordinates.
+const AT_END: f64 = 0.01;
 /// Step of the difference quotients.
 const STEP: f64 = 1e-3;
 /// A parameter that is fitted by its logarithm is started at its usual size, and up to this many
@@ -584,7 +584,7 @@ impl<'a, M: Model> Engine<'a, M> {
     }
 
     /// The groups of blocks that `candidates` tie together, with the candidates of each.
-    fn groups(&self, candidates: &[usize]) -> Vec<(Vec<usize>, Vec<usize>)> {
+    pub fn groups(&self, candidates: &[usize]) -> Vec<(Vec<usize>, Vec<usize>)> {
         let blocks = self.model.blocks().len();
         let mut group: Vec<usize> = (0..blocks).collect();
         let all = self.model.candidates();

@@ -18,8 +18,8 @@ use crate::plant::simulation::TOLERANCE;
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Gas, Rig};
 use crate::simulate::{above_vacuum, simulate, simulated};
-use choice::{Choice, Step, Verdict, Watch, choose};
-use engine::{Engine, Hypothesis, Model, Part, Tally};
+use choice::{Choice, Step, TOO_FAR, Verdict, Watch, choose};
+use engine::{Candidate, Engine, Hypothesis, Model, Part, Tally};
 use left::{Profile, profiles, when};
 use model_core::pressure::GaugePa;
 use muscle::MuscleModel;
@@ -274,7 +274,8 @@ pub fn diagnose(
     };
     let calibrated = model.calibrated(&taken.fit.nominal);
     let everywhere = choice.left.len() == blocks.len() && blocks.len() > 1;
-    let warnings = warnings(&model, &calibrated, everywhere);
+    let mut warnings = warnings(&model, &calibrated, everywhere);
+    warnings.extend(refused(&model, &choice));
     clock.lap("report");
     let diagnosis = Diagnosis {
         schema: 1,
@@ -320,6 +321,38 @@ fn warnings(model: &MuscleModel, calibrated: &[Calibrated], everywhere: bool) ->
         ));
     }
     warnings
+}
+
+/// Why the best set of effects is not named, if it is not for what it leaves.
+fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
+    if choice.verdict != Verdict::Unexplained {
+        return Vec::new();
+    }
+    let best = &choice.best.fit;
+    let mut refused: Vec<String> = Vec::new();
+    for (own, values) in &best.effects {
+        let Candidate {
+            effect,
+            form,
+            parameters,
+            ..
+        } = &model.candidates()[*own];
+        let parameters = parameters.iter().zip(values);
+        refused.extend(parameters.filter(|(p, value)| p.at_end(**value)).map(
+            |(parameter, value)| {
+                let name = parameter.name;
+                format!("not named: {effect} ({form}) with {name} at {value:.3}, where it ends")
+            },
+        ));
+    }
+    let nominal = model.calibrated(&best.nominal);
+    let far = nominal
+        .iter()
+        .filter(|value| value.deviation.abs() > TOO_FAR);
+    refused.extend(far.map(|Calibrated { key, deviation, .. }| {
+        format!("not named: what needs {key} {deviation:.0} of its standard deviations off")
+    }));
+    refused
 }
 
 fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> Vec<Named> {

@@ -84,7 +84,8 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     match (name, place) {
         ("line-dynamics", _) => &[GAS, FORCE],
         ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
-        ("force-sensor-offset", _) => &[FORCE],
+        // Where the force is measured, the balance of the load is taken with it.
+        ("force-sensor-offset", _) => &[FORCE, LOAD],
         (_, "sensor") => &[GAS, FORCE],
         (_, "muscle-force") => &[FORCE],
         (_, "load") => &[LOAD],
@@ -92,11 +93,10 @@ fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
     }
 }
 
-/// Whether records can show an effect at all: on a bench or not, and what they move.
-fn can_show(name: &str, place: &str, bench: bool, contraction_moves: bool) -> bool {
+/// Whether records can show an effect at all: what they measure and move.
+fn can_show(name: &str, place: &str, force_measured: bool, contraction_moves: bool) -> bool {
     match (name, place) {
-        // Under a weight it is a payload but for the inertia, which γ's tolerance hides.
-        ("force-sensor-offset", _) => bench,
+        ("force-sensor-offset", _) => force_measured,
         // It is in the contraction's direction and way; at rest it is a constant that others are.
         ("hysteresis", _) | (_, "load") => contraction_moves,
         _ => true,
@@ -152,7 +152,7 @@ impl MuscleModel {
         let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
         let kinds = CATALOGUE.iter().filter(|kind| {
             !without.iter().any(|name| name == kind.name)
-                && can_show(kind.name, kind.block, bench, moves)
+                && can_show(kind.name, kind.block, has(FORCE_N), moves)
         });
         let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
         let candidates = forms.map(|(kind, form)| Candidate {
@@ -168,7 +168,7 @@ impl MuscleModel {
                     usual: p.usual,
                     log: p.log,
                     neutral: p.neutral,
-                    another: p.another,
+                    ends: p.ends,
                 })
                 .collect(),
             blocks: places(blocks_of_effect(kind.name, kind.block)),

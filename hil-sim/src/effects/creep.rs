@@ -13,14 +13,12 @@ const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 15.0).neut
 // Faster than this is a line's lag, or the gas's heat.
 const TIME_CONSTANT_S: Parameter = Parameter::new("time_constant_s", "s", (0.3, 1e3), 5.0)
     .log()
-    .another_below();
+    .ends_at_min();
 
 /// Sizes and time constants of two relaxations, the first of which may be the only one.
 const TWO: [Parameter; 4] = [
     Parameter::new("force_n", "N", (0.0, 1e3), 8.0).neutral(0.0),
-    Parameter::new("time_constant_s", "s", (0.3, 1e3), 1.0)
-        .log()
-        .another_below(),
+    Parameter::new("time_constant_s", "s", (0.3, 1e3), 1.0).log(),
     Parameter::new("second_force_n", "N", (0.0, 1e3), 8.0).neutral(0.0),
     Parameter::new("second_time_constant_s", "s", (0.3, 1e4), 15.0).log(),
 ];

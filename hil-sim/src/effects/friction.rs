@@ -8,8 +8,7 @@ use crate::rig::Weight;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 8.0).neutral(0.0);
 /// What holds a weight by more than this is no friction.
-const STATIC_RATIO: Parameter =
-    Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3).another_above();
+const STATIC_RATIO: Parameter = Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3).ends_at_max();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "friction",
@@ -57,7 +56,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                 // With more it is a hysteresis.
                 Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4)
                     .log()
-                    .another_above(),
+                    .ends_at_max(),
             ],
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
                      1998), with a Stribeck speed of 10 mm/s. Leaves out the bristles' damping, \

@@ -14,10 +14,10 @@ const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 20.0).neut
 /// With a shorter one it is friction, and with one as long as the muscle elasticity.
 const REACH: Parameter = Parameter::new("reach", "1", (1e-4, 0.5), 0.02)
     .log()
-    .another_below()
-    .another_above();
+    .ends_at_min()
+    .ends_at_max();
 /// What does not grow with pressure is friction.
-const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 0.6), 0.2).another_above();
+const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 0.6), 0.2).ends_at_max();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "hysteresis",
@@ -77,8 +77,8 @@ pub(super) const KIND: EffectKind = EffectKind {
                 // What acts in one direction only is not this.
                 Parameter::new("asymmetry", "1", (0.2, 5.0), 1.5)
                     .log()
-                    .another_below()
-                    .another_above(),
+                    .ends_at_min()
+                    .ends_at_max(),
                 BASE_SHARE,
             ],
             source: "Duhem of first order (Dahl where the asymmetry is 1): the force approaches \

@@ -44,11 +44,10 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "power",
             parameters: &[
                 CONDUCTANCE,
-                // What flows at any pressure, or at the highest alone, is none.
+                // What flows at any pressure is none.
                 Parameter::new("power", "1", (0.2, 5.0), 1.0)
                     .log()
-                    .another_below()
-                    .another_above(),
+                    .ends_at_min(),
             ],
             source: "Flow in proportion to a power of the gauge pressure, the conductance at 300 \
                      kPa: about 0.5 where it is turbulent, above 1 where pressure opens the gap \

@@ -41,9 +41,9 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its unit, in the field's notation.
     pub unit: &'static str,
-    /// Smallest value inside physics.
+    /// Smallest value that it may have.
     pub min: f64,
-    /// Largest value inside physics.
+    /// Largest value that it may have.
     pub max: f64,
     /// A usual size: where a fit starts, and the scale of its steps.
     pub usual: f64,
@@ -52,8 +52,8 @@ pub struct Parameter {
     /// Its value in a rig without the effect. The effect vanishes where all parameters that have
     /// such a value are at it; where none has, it does not vanish.
     pub neutral: Option<f64>,
-    /// Whether below `min`, and above `max`, it would be another effect.
-    pub another: [bool; 2],
+    /// Whether the effect ends at `min`, and at `max`: what is beyond is another, or none.
+    pub ends: [bool; 2],
 }
 
 impl Parameter {
@@ -71,7 +71,7 @@ impl Parameter {
             usual,
             log: false,
             neutral: None,
-            another: [false; 2],
+            ends: [false; 2],
         }
     }
 
@@ -86,20 +86,20 @@ impl Parameter {
         }
     }
 
-    /// Below its least value it is another effect.
-    const fn another_below(self) -> Parameter {
-        let [_, above] = self.another;
+    /// What is below its least value is another effect, or none.
+    const fn ends_at_min(self) -> Parameter {
+        let [_, above] = self.ends;
         Parameter {
-            another: [true, above],
+            ends: [true, above],
             ..self
         }
     }
 
-    /// Above its largest value it is another effect.
-    const fn another_above(self) -> Parameter {
-        let [below, _] = self.another;
+    /// What is above its largest value is another effect, or none.
+    const fn ends_at_max(self) -> Parameter {
+        let [below, _] = self.ends;
         Parameter {
-            another: [below, true],
+            ends: [below, true],
             ..self
         }
     }

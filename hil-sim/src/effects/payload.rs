@@ -10,9 +10,9 @@ pub(super) const KIND: EffectKind = EffectKind {
     name: "payload",
     block: "load",
     mark: "Weight and inertia change together: the equilibrium and the natural frequency.",
-    experiment: "the same triangles with a known weight added, after the force sensor was read \
-                 with nothing on it; equilibrium and natural frequency move together, a sensor's zero \
-                 moves neither.",
+    experiment: "the same triangles with a known weight added; equilibrium and natural frequency \
+                 move \
+                 together.",
     forms: &[Form {
         name: "mass",
         parameters: &[Parameter::new("mass_kg", "kg", (-1e3, 1e3), 1.0).neutral(0.0)],

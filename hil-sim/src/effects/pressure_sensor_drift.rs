@@ -39,7 +39,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                 // Faster than this it is an offset.
                 Parameter::new("time_constant_s", "s", (2.0, 1e4), 20.0)
                     .log()
-                    .another_below(),
+                    .ends_at_min(),
             ],
             source: "An offset that approaches its size exponentially from none at the record's \
                      time 0. Leaves out a temperature that follows the use.",

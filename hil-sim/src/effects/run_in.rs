@@ -10,7 +10,7 @@ const SHARE: Parameter = Parameter::new("share", "1", (-0.5, 0.5), 0.05).neutral
 /// What takes longer than some thirty cycles is, of the first few, a gain of the force.
 const DISTANCE: Parameter = Parameter::new("distance", "1", (1e-2, 20.0), 0.5)
     .log()
-    .another_above();
+    .ends_at_max();
 
 pub(super) const KIND: EffectKind = EffectKind {
     name: "run-in",
@@ -41,7 +41,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                 SHARE,
                 Parameter::new("cycles", "1", (0.1, 30.0), 2.0)
                     .log()
-                    .another_above(),
+                    .ends_at_max(),
             ],
             source: "A share of the force that decays exponentially with the cycles, of which all \
                      of more than 0.02 of contraction count the same: half of each is done in \

@@ -22,7 +22,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             name: "dispersed",
             parameters: &[
                 DELAY_S,
-                Parameter::new("dispersion", "1", (0.0, 0.5), 0.2).another_above(),
+                Parameter::new("dispersion", "1", (0.0, 0.5), 0.2).ends_at_max(),
             ],
             source: "A command that arrives spread about its delay, with a standard deviation of \
                      this share of it: a shorter delay and two equal lags (tanks in series, \

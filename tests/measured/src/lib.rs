@@ -187,6 +187,6 @@ fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f
         usual,
         log: false,
         neutral: Some(0.0),
-        another: [false; 2],
+        ends: [false; 2],
     }
 }
