@@ -63,7 +63,7 @@ const SHARE_OF_CALIBRATION: f64 = 0.01;
 /// What nominal values may cost beside what is gained.
 const SHARE_OF_PRIOR: f64 = 0.05;
 /// Share of what is above the noise that all named effects must explain.
-const SHARE: f64 = 0.7;
+pub(super) const SHARE: f64 = 0.7;
 /// The same where they plainly leave something in a block that they change: half the square of two
 /// noises. Of hidden effects the right name has left less than two tenths there, also in another
 /// form, and so it does on real rigs; a wrong one in its place up to three.
@@ -657,12 +657,10 @@ impl<M: Model> Search<'_, '_, M> {
         let gain = cost(without) - cost(hypothesis) - GAIN_PARAMETER * own.parameters.len() as f64;
         // What another effect would explain better there is not this one's.
         let rival = |h: &Hypothesis| {
-            let beside = others.iter().all(|other| {
-                let mut names = h.candidates.iter().map(|c| self.name(*c));
-                names.any(|name| name == self.name(*other))
-            });
-            beside
-                && h.candidates.len() == hypothesis.candidates.len()
+            let named = |name: &str| h.candidates.iter().any(|c| self.name(*c) == name);
+            h.candidates.len() == hypothesis.candidates.len()
+                && others.iter().all(|other| named(self.name(*other)))
+                && !named(own.effect)
                 && cost(h) < cost(hypothesis) - MARGIN
         };
         gain >= GAIN.max(noise).max(moved) && !self.tried.iter().any(rival)
@@ -928,7 +926,7 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         Verdict::Unexplained if far => farthest.is_some_and(|(_, blocks)| blocks.contains(block)),
         Verdict::Unexplained => {
             excess_of(&null.fit, *block) > 0.1 * above
-                || search.hardly_explained(&null, &best, *block)
+                || share >= SHARE && search.hardly_explained(&null, &best, *block)
         }
         Verdict::Consistent | Verdict::Explained => false,
     });

@@ -31,8 +31,8 @@ pub struct Parameter {
     pub log: bool,
     /// Its value where it does nothing, if there is one.
     pub neutral: Option<f64>,
-    /// Whether the effect ends at its smallest, and at its largest value: what is beyond is another,
-    /// or none.
+    /// Whether the effect ends at its smallest, and at its largest value: what is beyond is
+    /// another, or none.
     pub ends: [bool; 2],
 }
 

@@ -273,7 +273,9 @@ pub fn diagnose(
         of_left.map(|(_, block)| when(&block.profiles[1])).collect()
     };
     let calibrated = model.calibrated(&taken.fit.nominal);
-    let everywhere = choice.left.len() == blocks.len() && blocks.len() > 1;
+    // Where effects explain most, one block alone may be left.
+    let everywhere =
+        choice.left.len() == blocks.len() && blocks.len() > 1 && choice.share < choice::SHARE;
     let mut warnings = warnings(&model, &calibrated, everywhere);
     warnings.extend(refused(&model, &choice));
     clock.lap("report");
