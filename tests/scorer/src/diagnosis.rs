@@ -76,6 +76,8 @@ pub struct Diagnosis {
     pub remaining: Remaining,
     /// The experiment that would tell more.
     pub next_experiment: String,
+    /// Share of what is above the noise that the effects explain, if it is told.
+    pub share: Option<f64>,
 }
 
 impl Diagnosis {

@@ -417,6 +417,10 @@ fn shuffled_answers_are_chance() {
 #[test]
 fn without_its_effect_a_case_is_to_stay_unexplained() {
     let case = |verdict, named: &[&str]| judged(Kind::Single, &["leak"], verdict, named);
+    let with_share = |share, case| Scored {
+        share_explained: share,
+        ..case
+    };
     let faint = collected(
         answer(Kind::Single, &["leak"], 1.0),
         Ok(diagnosis("consistent", &[])),
@@ -424,12 +428,13 @@ fn without_its_effect_a_case_is_to_stay_unexplained() {
     let cases = [
         case("unexplained", &[]),
         case("consistent", &[]),
-        case("explained", &["creep"]),
+        with_share(Some(0.97), case("explained", &["creep"])),
         // even the name that was taken out is a name
-        case("explained", &["leak"]),
+        with_share(Some(0.999), case("explained", &["leak"])),
         Scored::new(&faint),
     ];
     let part = without::judge("leak", &cases);
+    assert_eq!(part.to_the_noise, Rate::new(1, 4));
     assert_eq!(part.abstained, Rate::new(1, 4));
     assert_eq!(part.missed, Rate::new(1, 4));
     assert_eq!(part.misnamed, Rate::new(2, 4));
@@ -439,7 +444,7 @@ fn without_its_effect_a_case_is_to_stay_unexplained() {
     );
     let text = without::report(&[part], "score without").to_text();
     assert!(
-        text.contains("25 % are left unexplained and 50 % get a wrong name"),
+        text.contains("25 % are left unexplained and 50 % get a wrong name; in 25 %"),
         "{text}"
     );
     assert!(text.contains("s1-00007: creep"), "{text}");

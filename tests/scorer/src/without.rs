@@ -22,6 +22,8 @@ pub struct Without {
     pub no_answer: Rate,
     /// Something named.
     pub misnamed: Rate,
+    /// The same, and by the diagnosis nothing is left above the noise to tell it by.
+    pub to_the_noise: Rate,
     /// What was said, by case.
     pub said: Vec<(String, String)>,
 }
@@ -31,6 +33,9 @@ pub fn listed() -> Vec<&'static str> {
     let listed = truth::CATALOGUE.iter().filter(|entry| entry.listed);
     listed.map(|entry| entry.name).collect()
 }
+
+/// Share of what is above the noise with which nothing is left of it, to rounding.
+const ALL: f64 = 0.99;
 
 /// Judges the visible ones of an effect's own cases, run without it.
 pub fn judge(name: &str, cases: &[Scored]) -> Without {
@@ -46,6 +51,9 @@ pub fn judge(name: &str, cases: &[Scored]) -> Without {
         missed: with(Outcome::Missed),
         no_answer: with(Outcome::NoAnswer),
         misnamed: Rate::among(visible(), |case| !case.named.is_empty()),
+        to_the_noise: Rate::among(visible(), |case| {
+            !case.named.is_empty() && case.share_explained.is_some_and(|share| share >= ALL)
+        }),
         said: visible().map(said).collect(),
     }
 }
@@ -77,7 +85,7 @@ pub fn without(
 }
 
 /// All effects together.
-pub fn total(parts: &[Without]) -> [Rate; 4] {
+pub fn total(parts: &[Without]) -> [Rate; 5] {
     let sum = |pick: fn(&Without) -> Rate| {
         let rates = parts.iter().map(pick);
         let (hits, of) = rates.fold((0, 0), |(hits, of), r| (hits + r.hits, of + r.of));
@@ -87,6 +95,7 @@ pub fn total(parts: &[Without]) -> [Rate; 4] {
         sum(|p| p.abstained),
         sum(|p| p.missed),
         sum(|p| p.misnamed),
+        sum(|p| p.to_the_noise),
         sum(|p| p.no_answer),
     ]
 }
@@ -97,7 +106,7 @@ pub fn report(parts: &[Without], command: &str) -> Report {
         0 => String::new(),
         of => format!("{}/{of}", rate.hits),
     };
-    let row = |name: &str, rates: [Rate; 4], said: String| {
+    let row = |name: &str, rates: [Rate; 5], said: String| {
         let mut cells = vec![name.to_owned()];
         cells.extend(rates.map(shown));
         cells.push(said);
@@ -108,7 +117,13 @@ pub fn report(parts: &[Without], command: &str) -> Report {
         .map(|part| {
             let said = part.said.iter().filter(|(_, said)| said != "unexplained");
             let said: Vec<String> = said.map(|(id, said)| format!("{id}: {said}")).collect();
-            let rates = [part.abstained, part.missed, part.misnamed, part.no_answer];
+            let rates = [
+                part.abstained,
+                part.missed,
+                part.misnamed,
+                part.to_the_noise,
+                part.no_answer,
+            ];
             row(&part.name, rates, said.join("; "))
         })
         .collect();
@@ -119,6 +134,7 @@ pub fn report(parts: &[Without], command: &str) -> Report {
         "unexplained",
         "consistent",
         "misnamed",
+        "nothing left to tell",
         "no answer",
         "what else was said",
     ];
@@ -126,9 +142,11 @@ pub fn report(parts: &[Without], command: &str) -> Report {
     Report {
         title: "Ablation: each effect taken out of the catalogue".into(),
         verdict: vec![format!(
-            "On their own cases {:.0} % are left unexplained and {:.0} % get a wrong name.",
+            "On their own cases {:.0} % are left unexplained and {:.0} % get a wrong name; in {:.0} % \
+             that leaves nothing above the noise to tell it by.",
             share(total[0]),
-            share(total[2])
+            share(total[2]),
+            share(total[3])
         )],
         sections: vec![Section {
             heading: "Without".into(),
