@@ -142,8 +142,8 @@ pub fn report(parts: &[Without], command: &str) -> Report {
     Report {
         title: "Ablation: each effect taken out of the catalogue".into(),
         verdict: vec![format!(
-            "On their own cases {:.0} % are left unexplained and {:.0} % get a wrong name; in {:.0} % \
-             that leaves nothing above the noise to tell it by.",
+            "On their own cases {:.0} % are left unexplained and {:.0} % get a wrong name; in \
+             {:.0} % that leaves nothing above the noise to tell it by.",
             share(total[0]),
             share(total[2]),
             share(total[3])
