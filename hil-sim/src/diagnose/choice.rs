@@ -69,6 +69,8 @@ pub(super) const SHARE: f64 = 0.7;
 /// form, and so it does on real rigs; a wrong one in its place up to three.
 const SHARE_PLAIN: f64 = 0.8;
 const PLAIN: f64 = 2.0;
+/// The same of effects that have one form only: of 63 right ones none left anything.
+const SHARE_OF_EXACT: f64 = 0.97;
 /// Share of what is above the noise in one block that must be explained where it has half the
 /// square of √2 noises left: less is of nominal values that the block shares with others, and the
 /// rest another effect's.
@@ -810,7 +812,14 @@ impl<M: Model> Search<'_, '_, M> {
             let total = part.total();
             total.outside > PLAIN * total.count as f64
         });
-        let asked = if plain { SHARE_PLAIN } else { SHARE };
+        let mut own = best.candidates.iter();
+        let asked = if own.all(|own| all[*own].form_doubt == 0.0) {
+            SHARE_OF_EXACT
+        } else if plain {
+            SHARE_PLAIN
+        } else {
+            SHARE
+        };
         let mut parts = best.fit.parts.iter();
         let hardly = parts.any(|part| self.hardly_explained(null, best, part.block));
         share >= asked && !hardly

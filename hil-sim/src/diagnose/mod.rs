@@ -273,11 +273,7 @@ pub fn diagnose(
         of_left.map(|(_, block)| when(&block.profiles[1])).collect()
     };
     let calibrated = model.calibrated(&taken.fit.nominal);
-    // Where effects explain most, one block alone may be left.
-    let everywhere =
-        choice.left.len() == blocks.len() && blocks.len() > 1 && choice.share < choice::SHARE;
-    let mut warnings = warnings(&model, &calibrated, everywhere);
-    warnings.extend(refused(&model, &choice));
+    let warnings = warnings(&model, &choice, &calibrated);
     clock.lap("report");
     let diagnosis = Diagnosis {
         schema: 1,
@@ -307,10 +303,12 @@ pub fn diagnose(
     })
 }
 
-/// What is doubtful about records and rig; `everywhere` says that no equation holds.
-fn warnings(model: &MuscleModel, calibrated: &[Calibrated], everywhere: bool) -> Vec<String> {
+/// What is doubtful about records and rig, and about what was tried.
+fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> Vec<String> {
     let mut warnings = model.warnings();
-    if everywhere {
+    let blocks = model.blocks().len();
+    // Where effects explain most, one block alone may be left.
+    if choice.left.len() == blocks && blocks > 1 && choice.share < choice::SHARE {
         warnings.push("every equation is off: is this the rig of these records?".into());
     }
     for value in calibrated
@@ -322,6 +320,7 @@ fn warnings(model: &MuscleModel, calibrated: &[Calibrated], everywhere: bool) ->
             value.key, value.deviation
         ));
     }
+    warnings.extend(refused(model, choice));
     warnings
 }
 
