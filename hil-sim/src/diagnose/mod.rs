@@ -326,7 +326,7 @@ fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> 
 
 /// Why the best set of effects is not named, if it is not for what it leaves.
 fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
-    if choice.verdict != Verdict::Unexplained {
+    if choice.verdict != Verdict::Unexplained || choice.best.candidates.is_empty() {
         return Vec::new();
     }
     let best = &choice.best.fit;
