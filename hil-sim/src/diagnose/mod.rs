@@ -342,7 +342,8 @@ fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
         refused.extend(parameters.filter(|(p, value)| p.at_end(**value)).map(
             |(parameter, value)| {
                 let name = parameter.name;
-                format!("not named: {effect} ({form}) with {name} at {value:.3}, where it ends")
+                let beyond = "beyond which it is another effect, or none";
+                format!("not named: {effect} ({form}) with {name} at {value:.3}, {beyond}")
             },
         ));
     }
