@@ -181,6 +181,10 @@ impl<M: Model> Search<'_, '_, M> {
         self.engine.model.candidates()[candidate].effect
     }
 
+    fn names(&self, candidates: &[usize]) -> Vec<&'static str> {
+        candidates.iter().map(|c| self.name(*c)).collect()
+    }
+
     fn parameters(&self, candidates: &[usize]) -> usize {
         let all = self.engine.model.candidates();
         candidates.iter().map(|c| all[*c].parameters.len()).sum()
@@ -228,7 +232,7 @@ impl<M: Model> Search<'_, '_, M> {
         let fitted: Vec<Hypothesis> = sets
             .par_iter()
             .filter_map(|set| {
-                (self.watch)(Step::Try(set.iter().map(|c| self.name(*c)).collect()));
+                (self.watch)(Step::Try(self.names(set)));
                 self.engine.hypothesis(set)
             })
             .collect();
@@ -272,7 +276,7 @@ impl<M: Model> Search<'_, '_, M> {
         let mut names: Vec<Vec<&str>> = Vec::new();
         let mut distinct = Vec::new();
         for set in sets {
-            let of_set: Vec<&str> = set.iter().map(|c| self.name(*c)).collect();
+            let of_set = self.names(&set);
             if distinct.len() < count && !names.contains(&of_set) {
                 names.push(of_set);
                 distinct.push(set);
@@ -506,11 +510,7 @@ impl<M: Model> Search<'_, '_, M> {
 
     /// Whether each member of `hypothesis` is needed.
     fn needed(&self, hypothesis: &Hypothesis) -> bool {
-        let names: Vec<&str> = hypothesis
-            .candidates
-            .iter()
-            .map(|c| self.name(*c))
-            .collect();
+        let names = self.names(&hypothesis.candidates);
         if (1..names.len()).any(|place| names[..place].contains(&names[place])) {
             return false;
         }
@@ -713,10 +713,8 @@ impl<M: Model> Search<'_, '_, M> {
     /// Other effects that would do as well as a member of `best`.
     fn alternatives(&self, best: &Hypothesis) -> Vec<Vec<&'static str>> {
         let near = self.near(best);
-        let near: Vec<Vec<&'static str>> = near
-            .map(|h| h.candidates.iter().map(|c| self.name(*c)).collect())
-            .collect();
-        let names: Vec<&'static str> = best.candidates.iter().map(|c| self.name(*c)).collect();
+        let near: Vec<Vec<&'static str>> = near.map(|h| self.names(&h.candidates)).collect();
+        let names = self.names(&best.candidates);
         let of = |place: usize| {
             let mut found: Vec<&'static str> = Vec::new();
             for set in &near {
@@ -747,11 +745,7 @@ impl<M: Model> Search<'_, '_, M> {
     /// If an effect of `best` is where it ends: what cannot be told from it, of the same names in
     /// other forms, and is not.
     fn inside(&self, best: &Hypothesis) -> Option<&Hypothesis> {
-        let names = |h: &Hypothesis| -> Vec<&str> {
-            let mut names: Vec<&str> = h.candidates.iter().map(|c| self.name(*c)).collect();
-            names.sort_unstable();
-            names
-        };
+        let names = |h: &Hypothesis| self.names(&h.candidates);
         let mut near = self.near(best).filter(|_| self.at_end(best));
         near.find(|h| names(h) == names(best) && !self.at_end(h) && self.needed(h))
     }
@@ -761,7 +755,7 @@ impl<M: Model> Search<'_, '_, M> {
     fn simpler(&self, best: &Hypothesis) -> Option<&Hypothesis> {
         let others = |a: &Hypothesis, b: &Hypothesis| -> Vec<&str> {
             let own = a.candidates.iter().map(|c| self.name(*c));
-            let names: Vec<&str> = b.candidates.iter().map(|c| self.name(*c)).collect();
+            let names = self.names(&b.candidates);
             own.filter(|name| !names.contains(name)).collect()
         };
         let parameters = |h: &Hypothesis| self.parameters(&h.candidates);
@@ -786,10 +780,8 @@ impl<M: Model> Search<'_, '_, M> {
     /// Whether an effect of `hypothesis` is where it ends.
     fn at_end(&self, hypothesis: &Hypothesis) -> bool {
         let all = self.engine.model.candidates();
-        hypothesis.fit.effects.iter().any(|(own, values)| {
-            let mut values = all[*own].parameters.iter().zip(values);
-            values.any(|(parameter, value)| parameter.at_end(*value))
-        })
+        let mut effects = hypothesis.fit.effects.iter();
+        effects.any(|(own, values)| all[*own].ended(values).next().is_some())
     }
 
     /// Whether `best` may be named: what it leaves, where its parameters are, and how far it moves

@@ -57,7 +57,7 @@ impl Parameter {
     }
 
     /// Whether `value` is where the effect ends.
-    pub fn at_end(&self, value: f64) -> bool {
+    fn at_end(&self, value: f64) -> bool {
         let x = self.coordinate(value);
         let ends = [self.range.0, self.range.1].map(|end| self.coordinate(end));
         let mut ends = ends.into_iter().zip(self.ends);
@@ -84,6 +84,14 @@ pub struct Candidate {
     pub blocks: Vec<usize>,
     /// Share of it by which a rig may have it in another form; 0 where its name says the form.
     pub form_doubt: f64,
+}
+
+impl Candidate {
+    /// The parameters of which `values` are where the effect ends, with these.
+    pub fn ended<'a>(&'a self, values: &'a [f64]) -> impl Iterator<Item = (&'a Parameter, f64)> {
+        let values = self.parameters.iter().zip(values.iter().copied());
+        values.filter(|(parameter, value)| parameter.at_end(*value))
+    }
 }
 
 /// A candidate with values of its parameters.

@@ -19,7 +19,7 @@ use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Gas, Rig};
 use crate::simulate::{above_vacuum, simulate, simulated};
 use choice::{Choice, Step, TOO_FAR, Verdict, Watch, choose};
-use engine::{Candidate, Engine, Hypothesis, Model, Part, Tally};
+use engine::{Engine, Hypothesis, Model, Part, Tally};
 use left::{Profile, profiles, when};
 use model_core::pressure::GaugePa;
 use muscle::MuscleModel;
@@ -332,20 +332,12 @@ fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
     let best = &choice.best.fit;
     let mut refused: Vec<String> = Vec::new();
     for (own, values) in &best.effects {
-        let Candidate {
-            effect,
-            form,
-            parameters,
-            ..
-        } = &model.candidates()[*own];
-        let parameters = parameters.iter().zip(values);
-        refused.extend(parameters.filter(|(p, value)| p.at_end(**value)).map(
-            |(parameter, value)| {
-                let name = parameter.name;
-                let beyond = "beyond which it is another effect, or none";
-                format!("not named: {effect} ({form}) with {name} at {value:.3}, {beyond}")
-            },
-        ));
+        let own = &model.candidates()[*own];
+        refused.extend(own.ended(values).map(|(parameter, value)| {
+            let (effect, form, name) = (own.effect, own.form, parameter.name);
+            let beyond = "beyond which it is another effect, or none";
+            format!("not named: {effect} ({form}) with {name} at {value:.3}, {beyond}")
+        }));
     }
     let nominal = model.calibrated(&best.nominal);
     let far = nominal

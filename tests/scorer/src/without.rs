@@ -28,6 +28,19 @@ pub struct Without {
     pub said: Vec<(String, String)>,
 }
 
+impl Without {
+    /// In the order of the table.
+    fn rates(&self) -> [Rate; 5] {
+        [
+            self.abstained,
+            self.missed,
+            self.misnamed,
+            self.to_the_noise,
+            self.no_answer,
+        ]
+    }
+}
+
 /// Names that can be taken out.
 pub fn listed() -> Vec<&'static str> {
     let listed = truth::CATALOGUE.iter().filter(|entry| entry.listed);
@@ -86,18 +99,11 @@ pub fn without(
 
 /// All effects together.
 pub fn total(parts: &[Without]) -> [Rate; 5] {
-    let sum = |pick: fn(&Without) -> Rate| {
-        let rates = parts.iter().map(pick);
+    std::array::from_fn(|place| {
+        let rates = parts.iter().map(|part| part.rates()[place]);
         let (hits, of) = rates.fold((0, 0), |(hits, of), r| (hits + r.hits, of + r.of));
         Rate::new(hits, of)
-    };
-    [
-        sum(|p| p.abstained),
-        sum(|p| p.missed),
-        sum(|p| p.misnamed),
-        sum(|p| p.to_the_noise),
-        sum(|p| p.no_answer),
-    ]
+    })
 }
 
 /// For the eye.
@@ -117,14 +123,7 @@ pub fn report(parts: &[Without], command: &str) -> Report {
         .map(|part| {
             let said = part.said.iter().filter(|(_, said)| said != "unexplained");
             let said: Vec<String> = said.map(|(id, said)| format!("{id}: {said}")).collect();
-            let rates = [
-                part.abstained,
-                part.missed,
-                part.misnamed,
-                part.to_the_noise,
-                part.no_answer,
-            ];
-            row(&part.name, rates, said.join("; "))
+            row(&part.name, part.rates(), said.join("; "))
         })
         .collect();
     let total = total(parts);
