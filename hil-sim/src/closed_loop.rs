@@ -198,6 +198,8 @@ pub struct Tick {
     pub temperature_k: f64,
     /// Reference pressure at the valve's input from this tick on.
     pub valve_reference: GaugePa<f64>,
+    /// While an experiment is played: whether the cock between valve and muscle is shut.
+    pub shut: Option<bool>,
     /// What the controller read.
     pub sensors: Sensors,
     /// What the controller did.
@@ -407,6 +409,7 @@ pub fn run_with<T: Ticker>(
             None => Request::None,
         };
         let valve_reference = valve_reference(settings, &output);
+        let shut = player.as_ref().map(|player| player.is_shut(number as u32));
         controller.seen(Tick {
             time_s,
             finger_m,
@@ -416,6 +419,7 @@ pub fn run_with<T: Ticker>(
             pressure: simulation.pressure(),
             temperature_k: simulation.temperature_k(),
             valve_reference,
+            shut,
             sensors,
             output,
         })?;
@@ -425,6 +429,7 @@ pub fn run_with<T: Ticker>(
         };
         advance(&drive, time_s + experiment.output_delay_s)?;
         drive.reference = valve_reference;
+        drive.shut = shut.unwrap_or(false);
         advance(&drive, (number + 1) as f64 * TICK_S)?;
     }
     Ok(())
@@ -443,6 +448,7 @@ impl Tick {
         Row {
             time_s: self.time_s,
             pressure_ref_pa: self.valve_reference.0,
+            shut: self.shut,
             sensors: self.sensors,
             output: self.output,
             plant: Some((self.force_n, self.finger_m)),

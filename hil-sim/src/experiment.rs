@@ -6,23 +6,20 @@
 //! | zero | sensor offsets, dead band and γ: nothing pulls |
 //! | triangles | hysteresis (the same at three rates, minor loops) from creep, friction and lag |
 //! | holds | creep, leak, heat and drift: 60 s after a step, up and down |
-//! | shut-holds | leak from dead zone of the valve: it does not refill what leaks |
+//! | shut-holds | leak from sensor gain and dead zone of the valve: that does not refill it |
 //! | multisine | lag, delay and line: one spectrum |
 //! | sweep | flow limit and dead zone of the valve from its lag: steps that grow |
 
 use crate::design::equilibrium;
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::record::{PRESSURE_REF_PA, Record};
+use crate::record::{PRESSURE_REF_PA, Record, VALVE_OPEN};
 use crate::rig::{Load, Rig, Weight};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
 use model_core::settings::SettingsValues;
 use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
-
-/// 1 where the valve is to be open, 0 where a cock between valve and muscle is to be shut.
-pub const VALVE_OPEN: &str = "valve_open";
 
 /// Rows a second: one a tick of the board.
 const RATE_HZ: f64 = 100.0;
@@ -225,8 +222,8 @@ pub fn experiment(limits: &Limits, parts: &[Part]) -> Experiment {
     let mut record = Record::new((0..rows).map(|row| row as f64 / RATE_HZ).collect());
     record.set(PRESSURE_REF_PA, pen.reference_pa);
     if pen.open.contains(&false) {
-        let words = pen.open.iter().map(|open| u8::from(*open).to_string());
-        record.set_text(VALVE_OPEN, words.collect());
+        let open = pen.open.iter().map(|open| f64::from(*open));
+        record.set(VALVE_OPEN, open.collect());
     }
     Experiment {
         record,

@@ -9,7 +9,7 @@ mod times;
 use crate::error::BadInput;
 use crate::record::{
     CONTRACTION, FINGER_M, FORCE_N, INPUT_FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA,
-    TEMPERATURE_K, TIME_S, in_range,
+    TEMPERATURE_K, TIME_S, VALVE_OPEN, in_range,
 };
 use serde::{Deserialize, Serialize};
 use serde_spanned::Spanned;
@@ -60,7 +60,7 @@ const TIME: &[Unit] = &[
 ];
 
 /// The columns that a file can be mapped to, and their units.
-const TARGETS: [(&str, &[Unit]); 8] = [
+const TARGETS: [(&str, &[Unit]); 9] = [
     (PRESSURE_REF_PA, PRESSURE),
     (PRESSURE_PA, PRESSURE),
     (CONTRACTION, RATIO),
@@ -69,6 +69,7 @@ const TARGETS: [(&str, &[Unit]); 8] = [
     (INPUT_FORCE_N, FORCE),
     (SUPPLY_PA, PRESSURE),
     (TEMPERATURE_K, TEMPERATURE),
+    (VALVE_OPEN, RATIO),
 ];
 
 /// How the columns of a file become those of a record.

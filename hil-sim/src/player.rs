@@ -2,7 +2,6 @@
 
 use crate::closed_loop::TICK_S;
 use crate::error::BadInput;
-use crate::experiment::VALVE_OPEN;
 use crate::record::{PRESSURE_REF_PA, Record};
 use model_core::frame::{Output, Request};
 use model_core::supervisor::{Fault, Mode};
@@ -58,11 +57,10 @@ impl Player {
             }
             reference_pa.push(last_pa);
         }
-        let words = drive.text(VALVE_OPEN).unwrap_or_default();
         Ok(Player {
             time_s: drive.time_s().to_vec(),
             reference_pa,
-            shut: words.iter().map(|word| word == "0").collect(),
+            shut: drive.shut(),
             from_tick: None,
             waited_ticks: 0,
             asked_to_vent: false,
@@ -72,7 +70,11 @@ impl Player {
 
     /// The highest pressure it asks for, gauge \[Pa\].
     pub fn pressure_pa_max(&self) -> f32 {
-        self.reference_pa.iter().copied().max().unwrap_or(0) as f32
+        self.most_pa() as f32
+    }
+
+    fn most_pa(&self) -> u32 {
+        self.reference_pa.iter().copied().max().unwrap_or(0)
     }
 
     /// How long it takes \[s\].
@@ -101,6 +103,16 @@ impl Player {
         row.copied().unwrap_or(false)
     }
 
+    /// What to ask for in `row` \[Pa\]. While the cock is shut the reference follows the pressure:
+    /// what leaks is not refilled before the cock is quite shut, the controller does not miss what
+    /// it cannot reach, and nothing surges in when the cock opens.
+    fn asked_pa(&self, row: usize, output: &Output) -> u32 {
+        match self.shut.get(row) {
+            Some(true) => (output.pressure.0.max(0.0).round() as u32).min(self.most_pa()),
+            _ => self.reference_pa[row],
+        }
+    }
+
     /// What to ask for after the tick that gave `output`. Ticks that were not seen take their time.
     pub fn request(&mut self, tick: u32, output: &Output) -> Request {
         match (output.mode, self.from_tick) {
@@ -116,7 +128,7 @@ impl Player {
             (Mode::Playing, _) => {
                 self.from_tick.get_or_insert(tick);
                 match self.row(tick.wrapping_add(1)) {
-                    Some(row) => Request::Play(self.reference_pa[row]),
+                    Some(row) => Request::Play(self.asked_pa(row, output)),
                     None => {
                         self.asked_to_vent = true;
                         Request::Vent

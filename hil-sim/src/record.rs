@@ -25,6 +25,9 @@ pub const INPUT_FORCE_N: &str = "input_force_n";
 pub const SUPPLY_PA: &str = "supply_pa";
 /// Measured gas temperature \[K\].
 pub const TEMPERATURE_K: &str = "temperature_k";
+/// 1 where the valve is open to the muscle, 0 where a cock between them is shut, held until the
+/// next row; open if it is not said.
+pub const VALVE_OPEN: &str = "valve_open";
 
 /// The board's tick, counted since its reset.
 pub const TICK: &str = "tick";
@@ -59,7 +62,7 @@ pub const BUSY_CYCLES: &str = "busy_cycles";
 pub const SETTINGS: &str = "settings";
 
 /// The known columns and the range that their values can have on any rig of this kind.
-const KNOWN: [(&str, f64, f64); 19] = [
+const KNOWN: [(&str, f64, f64); 20] = [
     (TIME_S, -1e12, 1e12),
     (PRESSURE_REF_PA, -1e8, 1e8),
     (PRESSURE_PA, -1e8, 1e8),
@@ -69,6 +72,7 @@ const KNOWN: [(&str, f64, f64); 19] = [
     (INPUT_FORCE_N, -1e6, 1e6),
     (SUPPLY_PA, -1e8, 1e8),
     (TEMPERATURE_K, 1.0, 1e4),
+    (VALVE_OPEN, 0.0, 1.0),
     (TICK, 0.0, U32_MAX),
     (BRIDGE_COUNT, 0.0, 65_535.0),
     (PRESSURE_COUNT, 0.0, 65_535.0),
@@ -276,6 +280,26 @@ impl Record {
         present.then_some(values)
     }
 
+    /// Of each row: whether a cock between valve and muscle is shut (see [`VALVE_OPEN`]); empty if
+    /// it never is.
+    pub fn shut(&self) -> Vec<bool> {
+        let mut shut = false;
+        let open = self.column(VALVE_OPEN).unwrap_or_default().iter();
+        let rows: Vec<bool> = open
+            .map(|open| {
+                if !open.is_nan() {
+                    shut = *open == 0.0;
+                }
+                shut
+            })
+            .collect();
+        if rows.contains(&true) {
+            rows
+        } else {
+            Vec::new()
+        }
+    }
+
     /// The record has this known column, and no sample in it.
     pub fn is_empty_column(&self, name: &str) -> bool {
         self.cells(name).is_some() && self.column(name).is_none()
@@ -473,6 +497,9 @@ fn number(column: &str, cell: &str) -> Result<f64, String> {
 
 /// The value of a known column, if it can have it on any rig of this kind.
 pub(crate) fn in_range(column: &str, value: f64) -> Result<f64, String> {
+    if column == VALVE_OPEN && ![0.0, 1.0].contains(&value) {
+        return Err(format!("1 (open) or 0 (shut), found {value}"));
+    }
     let range = KNOWN.iter().find(|(known, ..)| *known == column);
     let (_, min, max) = range.unwrap_or(&("", f64::MIN, f64::MAX));
     if (*min..=*max).contains(&value) {

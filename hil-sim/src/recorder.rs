@@ -23,6 +23,8 @@ pub struct Row {
     pub time_s: f64,
     /// What the valve was asked for, rounded to DAC counts \[Pa\].
     pub pressure_ref_pa: f64,
+    /// While an experiment is played: whether the cock between valve and muscle is to be shut.
+    pub shut: Option<bool>,
     /// What the controller read.
     pub sensors: Sensors,
     /// What it decided.
@@ -65,10 +67,13 @@ fn hex(settings: &Settings) -> String {
 }
 
 /// What a record holds of each tick, in its order.
-pub const COLUMNS: [Column; 22] = [
+pub const COLUMNS: [Column; 23] = [
     (record::TIME_S, false, |row| Cell::Number(row.time_s)),
     (record::PRESSURE_REF_PA, false, |row| {
         Cell::Number(row.pressure_ref_pa)
+    }),
+    (record::VALVE_OPEN, false, |row| {
+        maybe(row.shut.map(|shut| f64::from(!shut)))
     }),
     (record::PRESSURE_PA, false, |row| {
         Cell::Number(row.output.pressure.0.into())
@@ -287,6 +292,7 @@ impl Timeline {
         Some(Row {
             time_s: self.time_s,
             pressure_ref_pa: reference.0,
+            shut: None,
             sensors: told.sensors,
             output: told.output,
             plant: None,

@@ -402,6 +402,7 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
     let replayed = Row {
         time_s: record.time_s()[row],
         pressure_ref_pa: f64::NAN,
+        shut: None,
         sensors: inputs.sensors[row],
         output: *output,
         plant: None,

@@ -22,6 +22,8 @@ pub(crate) struct Inputs<'a> {
     pressure_pa: Vec<f64>,
     /// Supply pressure (gauge) \[Pa\], linear between rows; empty if it was not measured.
     supply_pa: Vec<f64>,
+    /// Whether the cock between valve and muscle is shut from its row on; empty if it never is.
+    shut: Vec<bool>,
     /// The contraction is a mass's: it goes from row to row in parabolas, whose corners are smaller
     /// than those of straight lines.
     pub(crate) inert: bool,
@@ -90,6 +92,7 @@ impl<'a> Inputs<'a> {
             contraction: Vec::new(),
             pressure_pa: Vec::new(),
             supply_pa: Vec::new(),
+            shut: record.shut(),
             inert: false,
         };
         let at_row = |row: usize, pressure_pa: f64, contraction: f64| {
@@ -146,6 +149,7 @@ impl<'a> Inputs<'a> {
                 value: *value,
                 rate_per_s: slope(self.time_s, &self.supply_pa, row),
             }),
+            shut: self.shut.get(row).copied().unwrap_or(false),
         }
     }
 

@@ -1,7 +1,7 @@
 //! The drive of an experiment stays within the rig's limits, and moves what it says.
 
 use hil_sim::check::check;
-use hil_sim::experiment::{Limits, Part, VALVE_OPEN, experiment};
+use hil_sim::experiment::{Limits, Part, experiment};
 use hil_sim::plant::simulation::TOLERANCE;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
@@ -152,12 +152,11 @@ fn each_part_does_what_it_is_for() {
     assert!((59.0..61.0).contains(&signal.longest_hold_s), "{signal:?}");
     assert!(signal.steps >= 4, "{signal:?}");
     let (_, record, _) = look(Part::ShutHolds);
-    let open = record.text(VALVE_OPEN).expect("the column");
-    let shut = open.iter().filter(|open| *open == "0").count();
-    assert_eq!(shut, 4 * 6000);
-    let rows = reference(&record).windows(2).zip(&open[1..]);
+    let shut = record.shut();
+    assert_eq!(shut.iter().filter(|shut| **shut).count(), 4 * 6000);
+    let rows = reference(&record).windows(2).zip(&shut[1..]);
     let held = rows
-        .filter(|(_, open)| *open == "0")
+        .filter(|(_, shut)| **shut)
         .all(|(pair, _)| pair[0] == pair[1]);
     assert!(held, "with the cock shut the reference rests");
     let (limits, _, signal) = look(Part::Sweep);
@@ -165,5 +164,5 @@ fn each_part_does_what_it_is_for() {
         signal.steps >= 8 && signal.max < limits.high_pa,
         "{signal:?}"
     );
-    assert!(drive(&Part::USUAL).1.text(VALVE_OPEN).is_none());
+    assert!(drive(&Part::USUAL).1.shut().is_empty());
 }

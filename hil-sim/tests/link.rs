@@ -96,6 +96,7 @@ fn record_wandering<P: Port>(client: &mut Client<P>, ticks: u32, path: &Path) {
         let row = Row {
             time_s: f64::from(tick) * 0.01,
             pressure_ref_pa: 0.0,
+            shut: None,
             sensors,
             output: answer.output,
             plant: None,

@@ -80,6 +80,71 @@ fn closed_adiabatic_muscle_keeps_its_mass_and_its_isentrope() {
 }
 
 #[test]
+fn a_shut_cock_keeps_the_air_in_whatever_the_valve_does() {
+    let effects = [
+        "",
+        "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = 0.05\n",
+        "[[effect]]\nname = \"supply-droop\"\nreservoir_volume_m3 = 1e-3\nrecovery_time_s = 1.0\n",
+        "[[effect]]\nname = \"line-dynamics\"\nform = \"conductance\"\nhose_volume_m3 = 1e-5\n\
+         conductance_kg_per_pa_s = 1e-7\n",
+    ];
+    for effect in effects {
+        let text = format!("{}{effect}", Rig::REFERENCE_TOML);
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), TOLERANCE);
+        let (.., mass_kg, _) = gas_of(&simulation);
+        let mut drive = Drive {
+            shut: true,
+            ..Drive::default()
+        };
+        for reference_pa in [0.0, 4.5e5, 1e5] {
+            drive.reference = GaugePa(reference_pa);
+            let until_s = simulation.time_s() + 1.0;
+            simulation.advance(&drive, until_s).expect("a solution");
+            let (.., mass_now_kg, _) = gas_of(&simulation);
+            assert!((mass_now_kg / mass_kg - 1.0).abs() < 1e-7, "{effect}");
+        }
+        drive.shut = false;
+        let until_s = simulation.time_s() + 1.0;
+        simulation.advance(&drive, until_s).expect("a solution");
+        assert!((simulation.pressure().0 - 1e5).abs() < 1e3, "{effect}");
+    }
+}
+
+/// Rocked by a muscle that moves, too: what leaks only outward would be pumped empty.
+#[test]
+fn a_shut_muscle_that_leaks_ends_at_the_atmosphere_from_either_side() {
+    for form in ["linear", "orifice", "power"] {
+        for begin_pa in [2e4, -2e4] {
+            let power = if form == "power" { "power = 0.5\n" } else { "" };
+            let text = format!(
+                "{}[[effect]]\nname = \"leak\"\nform = \"{form}\"\n\
+                 conductance_kg_per_pa_s = 4e-9\n{power}",
+                Rig::REFERENCE_TOML
+            );
+            let rig = Rig::parse("rig.toml", &text).expect("a rig");
+            let initial = at(0.05, begin_pa, 293.0);
+            let mut simulation = begin(&rig, Simulated::GAS_ONLY, initial, TOLERANCE);
+            for second in 0..20 {
+                let rate_per_s = if second % 2 == 0 { 1e-3 } else { -1e-3 };
+                let drive = Drive {
+                    contraction_rate_per_s: if second < 16 { rate_per_s } else { 0.0 },
+                    shut: true,
+                    ..Drive::default()
+                };
+                simulation
+                    .prescribe_contraction(simulation.contraction(), drive.contraction_rate_per_s);
+                let until_s = simulation.time_s() + 1.0;
+                simulation.advance(&drive, until_s).expect("a solution");
+            }
+            // The gas takes the wall's temperature in half a second.
+            let left_pa = simulation.pressure().0;
+            assert!(left_pa.abs() < 1.0, "{form} from {begin_pa}: {left_pa}");
+        }
+    }
+}
+
+#[test]
 fn closed_muscle_with_a_perfect_wall_is_isothermal() {
     let mut rig = with_flow_gain(0.0);
     gas_mut(&mut rig).heat_transfer_charging_w_per_m2_k = 1e6;

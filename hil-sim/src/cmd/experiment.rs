@@ -14,6 +14,10 @@ use std::path::PathBuf;
 /// Vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
 /// and
 /// steps that grow: what tells effects apart that one record alone does not. Vented at both ends.
+///
+/// For shut-holds somebody shuts a cock between valve and muscle where `valve_open` is 0; `hil-sim
+/// record --play` says when, has the reference follow the pressure meanwhile, and writes the column
+/// to the record, which `simulate` and `diagnose` heed.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -327,7 +327,8 @@ fn listen(
                 if let (Some(player), Source::Pins) = (&mut *player, told.source) {
                     play(player, board, &told)?;
                 }
-                if let Some(row) = timeline.row(&told, elapsed_s) {
+                if let Some(mut row) = timeline.row(&told, elapsed_s) {
+                    row.shut = player.as_ref().map(|player| player.is_shut(told.tick));
                     replayable |= row.begins_with.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);

@@ -380,6 +380,7 @@ pub fn run(
                 pressure: simulation.pressure(),
                 temperature_k: simulation.temperature_k(),
                 valve_reference: GaugePa(sent_pa),
+                shut: None,
                 sensors: sensors(&read.pins, missed_ticks, request),
                 output: scene.told.output,
             });

@@ -111,6 +111,8 @@ pub struct Drive {
     pub pressure_rate_pa_per_s: f64,
     /// Measured supply pressure (gauge, \[Pa\]) in place of the rig's nominal one.
     pub supply: Option<Ramp>,
+    /// A cock between valve and line is shut: nothing comes through the valve.
+    pub shut: bool,
 }
 
 /// What holds between two events, in which the equations are smooth.
@@ -218,10 +220,12 @@ impl Pneumatics {
             atmospheric,
         };
         let limited = drive.supply.is_none() && !self.supply.terms.is_empty();
-        if let Some(resistance) = self.line.resistance(&line) {
-            valve.port = self.before(&resistance, valve, limited, state);
+        if !drive.shut {
+            if let Some(resistance) = self.line.resistance(&line) {
+                valve.port = self.before(&resistance, valve, limited, state);
+            }
+            [line.valve_flow_kg_per_s, supply.drawn_kg_per_s] = self.flows(&valve, limited, state);
         }
-        [line.valve_flow_kg_per_s, supply.drawn_kg_per_s] = self.flows(&valve, limited, state);
         let gas = GasPoint {
             time_s,
             pressure,

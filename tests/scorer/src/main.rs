@@ -4,6 +4,7 @@
 //! not be.
 
 use clap::{Args, Parser, Subcommand};
+use hil_sim::experiment::Part;
 use hil_sim::output::write_atomically;
 use hil_sim::report::Report;
 use scorer::answer::Kind;
@@ -37,7 +38,8 @@ Examples:
   score run --effect leak --count 9 -- --threads 1
   score report                                   the cases already run, scored again
   score shuffled                                 what chance would reach
-  score without leak creep --count 3             effects taken out of the catalogue";
+  score without leak creep --count 3             effects taken out of the catalogue
+  score without leak --experiment shut-holds     the same, after the experiment that is advised";
 
 #[derive(Subcommand)]
 enum Command {
@@ -65,6 +67,10 @@ struct ToolArgs {
     /// Run cases again that have been run before
     #[arg(long)]
     again: bool,
+    /// Give it one record more to fit, of this part of its own experiment; may be given more than
+    /// once
+    #[arg(long, value_enum)]
+    experiment: Vec<Part>,
     /// More arguments for `diagnose`
     #[arg(last = true, value_name = "ARGUMENTS")]
     arguments: Vec<String>,
@@ -75,6 +81,7 @@ impl ToolArgs {
         Tool {
             program: self.diagnose.clone(),
             arguments: self.arguments.clone(),
+            experiment: self.experiment.clone(),
             limit: Duration::from_secs(self.time_limit_s),
             jobs: self.jobs,
             again: self.again,

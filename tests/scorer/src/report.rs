@@ -279,6 +279,9 @@ fn repeat(case: &Scored, origin: &Origin) -> String {
     if !origin.program.is_empty() {
         command += &format!(" --diagnose {}", origin.program);
     }
+    for part in &case.experiment {
+        command += &format!(" --experiment {part}");
+    }
     if !case.arguments.is_empty() {
         command += &format!(" -- {}", case.arguments.join(" "));
     }

@@ -8,7 +8,12 @@ use crate::child::{self, Ended};
 use crate::diagnosis::Diagnosis;
 use crate::gap::{self, Gaps};
 use crate::shared::forms;
+use clap::ValueEnum;
+use hil_sim::error::BadInput;
+use hil_sim::experiment::{Limits, Part, experiment};
 use hil_sim::output::{NotWritten, write_atomically};
+use hil_sim::record::PRESSURE_REF_PA;
+use hil_sim::rig::Rig;
 use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -18,10 +23,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use truth::Case;
+use truth::{Case, Drive};
 
 /// Numbers that are looked through for cases that fit a selection.
 const SEARCHED: u64 = 100_000;
+
+/// Contraction that a weight is not to pass in an experiment: what `hil-sim experiment` takes.
+const CONTRACTION_MAX: f64 = 0.3;
 
 /// As much of stderr as tells why it failed.
 const LAST_LINES: usize = 3;
@@ -50,6 +58,9 @@ pub enum Error {
         /// Why.
         source: serde_json::Error,
     },
+    /// An experiment that a rig does not allow.
+    #[error(transparent)]
+    BadInput(#[from] BadInput),
     /// Anything else, in words.
     #[error("{0}")]
     Other(String),
@@ -110,6 +121,8 @@ pub struct Tool {
     pub program: PathBuf,
     /// Arguments of `diagnose` besides the rig, the records and the folder.
     pub arguments: Vec<String>,
+    /// Parts of its own experiment, of which it is given one record more to fit, if any.
+    pub experiment: Vec<Part>,
     /// Longest that a diagnosis may take.
     pub limit: Duration,
     /// Cases at a time.
@@ -123,6 +136,9 @@ pub struct Tool {
 pub struct Run {
     /// Arguments besides those of the case.
     pub arguments: Vec<String>,
+    /// Parts of its own experiment, of which it was given a record, too.
+    #[serde(default)]
+    pub experiment: Vec<String>,
     /// Checksum of the program.
     pub program_crc32: u32,
     /// How it ended.
@@ -181,6 +197,25 @@ fn write_records(folder: &Path, name: &str, texts: &[String]) -> Result<Vec<Path
     texts.iter().enumerate().map(write).collect()
 }
 
+/// Parts of an experiment as on the command line.
+fn part_names(parts: &[Part]) -> Vec<String> {
+    let values = parts.iter().filter_map(Part::to_possible_value);
+    values.map(|value| value.get_name().to_owned()).collect()
+}
+
+/// The tool's own experiment for the rig that it is given.
+fn advised(case: &Case, parts: &[Part]) -> Result<Drive, Error> {
+    let rig = Rig::parse(&format!("{}/rig.toml", case.id), &case.rig_toml)?;
+    let limits = Limits::of(&rig, CONTRACTION_MAX)?;
+    let written = experiment(&limits, parts).record;
+    let time_s = written.time_s();
+    Ok(Drive {
+        period_s: (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64,
+        reference_pa: written.require(PRESSURE_REF_PA)?.to_vec(),
+        shut: written.shut(),
+    })
+}
+
 /// The folder of one case.
 struct Folder(PathBuf);
 
@@ -235,7 +270,11 @@ impl Folder {
             // nothing of an earlier run may be taken for this one's, nor be there to read
             fs::remove_dir_all(&self.0).map_err(at(&self.0))?;
         }
-        let case = truth::case(seed, index);
+        let mut case = truth::case(seed, index);
+        if !tool.experiment.is_empty() {
+            let drive = advised(&case, &tool.experiment)?;
+            case.fit.push(truth::experiment(seed, index, drive));
+        }
         let (ended, validate) = self.diagnose(tool, &case)?;
         let unseen = write_records(&self.0, "unseen", &case.unseen)?;
         write_json(&self.0.join("answer.json"), &case.answer)?;
@@ -255,6 +294,7 @@ impl Folder {
         };
         let run = Run {
             arguments: tool.arguments.clone(),
+            experiment: part_names(&tool.experiment),
             program_crc32: crc32,
             ended,
             last_words: self.last_words(),
@@ -265,10 +305,12 @@ impl Folder {
         write_json(&self.0.join("run.json"), &run)
     }
 
-    /// It has been run, with these arguments.
+    /// It has been run, with these arguments and records.
     fn is_done(&self, tool: &Tool) -> bool {
         let run: Result<Run, Error> = read_json(&self.0.join("run.json"));
-        run.is_ok_and(|run| run.arguments == tool.arguments)
+        run.is_ok_and(|run| {
+            run.arguments == tool.arguments && run.experiment == part_names(&tool.experiment)
+        })
     }
 
     fn collect(&self) -> Result<Collected, Error> {

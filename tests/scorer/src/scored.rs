@@ -37,6 +37,8 @@ pub struct Scored {
     pub answer: Answer,
     /// Arguments of the tool besides those of the case.
     pub arguments: Vec<String>,
+    /// Parts of the tool's own experiment, of which it was given a record, too.
+    pub experiment: Vec<String>,
     /// Every hidden effect changes a held-out signal by enough of its noise.
     pub visible: bool,
     /// The verdict.
@@ -147,6 +149,7 @@ impl Scored {
         Scored {
             answer: answer.clone(),
             arguments: run.arguments.clone(),
+            experiment: run.experiment.clone(),
             visible: answer.visible(),
             verdict: diagnosis.map(|d| d.verdict),
             named: effects.iter().map(|e| e.name.clone()).collect(),

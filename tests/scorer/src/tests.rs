@@ -93,6 +93,7 @@ fn collected(answer: Answer, diagnosis: Result<Diagnosis, String>) -> Collected 
         answer,
         run: Run {
             arguments: Vec::new(),
+            experiment: Vec::new(),
             program_crc32: 0,
             ended: ended(Some(0)),
             last_words: String::new(),

@@ -263,21 +263,65 @@ fn effect_answer(
     })
 }
 
+/// The rig of a case with what it hides.
+struct Scene {
+    pair: Pair,
+    variant: Variant,
+    with_force: bool,
+    drawn: Vec<Drawn>,
+}
+
+impl Scene {
+    fn draw(plan: &Plan, rng: &mut Pcg64) -> Self {
+        let pair = Pair::draw(rng);
+        let variant = variant(rng);
+        let with_force = rng.random_bool(0.5);
+        let draw = |planned: &Planned| (planned.form.draw)(planned.size, &pair.actual, rng);
+        let drawn = plan.effects.iter().map(draw).collect();
+        Self {
+            pair,
+            variant,
+            with_force,
+            drawn,
+        }
+    }
+
+    fn hidden(&self) -> Vec<&dyn Hidden> {
+        let drawn = self.drawn.iter();
+        drawn.map(|drawn| drawn.hidden.as_ref()).collect()
+    }
+}
+
+/// One more record of case `index` of `seed`, of somebody else's experiment, as CSV. Where that may
+/// shut a cock between valve and muscle, `valve_open` tells when.
+///
+/// # Panics
+/// If the drive has no sample.
+#[must_use]
+pub fn experiment(seed: u64, index: u64, drive: Drive) -> String {
+    let scene = Scene::draw(&plan(seed, index), &mut generator(seed, index, 2));
+    let unrecorded = 0;
+    let run = Run { drive, unrecorded };
+    let readings = run.simulate(&scene.pair.actual, &scene.hidden());
+    let noise_rng = &mut generator(seed, index, 4);
+    run.csv(&readings, &Sensors::default(), scene.with_force, noise_rng)
+}
+
 /// Simulates case `index` of `seed`.
 #[must_use]
 pub fn case(seed: u64, index: u64) -> Case {
     let plan = plan(seed, index);
     let rng = &mut generator(seed, index, 2);
-    let pair = Pair::draw(rng);
-    let variant = variant(rng);
-    let with_force = rng.random_bool(0.5);
+    let scene = Scene::draw(&plan, rng);
+    let Scene {
+        pair,
+        variant,
+        with_force,
+        drawn,
+    } = &scene;
+    let with_force = *with_force;
     let sensors = Sensors::default();
-    let drawn: Vec<Drawn> = plan
-        .effects
-        .iter()
-        .map(|planned| (planned.form.draw)(planned.size, &pair.actual, rng))
-        .collect();
-    let hidden: Vec<&dyn Hidden> = drawn.iter().map(|drawn| drawn.hidden.as_ref()).collect();
+    let hidden = scene.hidden();
     let mut runs = |recipes: &[Recipe]| -> Vec<Run> {
         recipes
             .iter()

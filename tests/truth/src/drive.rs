@@ -51,17 +51,33 @@ pub(crate) const UNSEEN: [Recipe; 1] = [&[
 ]];
 
 /// A reference that holds from each sample until the next.
-pub(crate) struct Drive {
-    pub(crate) period_s: f64,
-    pub(crate) reference_pa: Vec<f64>,
+#[derive(Clone, Debug)]
+pub struct Drive {
+    /// From one sample to the next.
+    pub period_s: f64,
+    /// What is sent to the valve, at least one.
+    pub reference_pa: Vec<f64>,
+    /// Whether a cock between valve and muscle is shut from a sample on; none if it never is.
+    pub shut: Vec<bool>,
 }
 
 impl Drive {
-    /// At `time_s`; before the first sample the first holds.
-    pub(crate) fn at(&self, time_s: f64) -> f64 {
+    /// The sample that holds at `time_s`; before the first that does.
+    fn sample(&self, time_s: f64) -> usize {
         // a step that is due now is not missed for a rounding error
         let index = ((time_s + 1e-9) / self.period_s).max(0.0) as usize;
-        self.reference_pa[index.min(self.reference_pa.len() - 1)]
+        index.min(self.reference_pa.len() - 1)
+    }
+
+    /// The reference at `time_s`.
+    pub(crate) fn at(&self, time_s: f64) -> f64 {
+        self.reference_pa[self.sample(time_s)]
+    }
+
+    /// Whether the cock is shut at `time_s`.
+    pub(crate) fn is_shut(&self, time_s: f64) -> bool {
+        let shut = self.shut.get(self.sample(time_s));
+        shut.copied().unwrap_or(false)
     }
 
     /// Draws a drive of `duration_s` from a recipe, its stretches in any order.
@@ -89,6 +105,7 @@ impl Drive {
         Self {
             period_s,
             reference_pa: pen.reference_pa,
+            shut: Vec::new(),
         }
     }
 }

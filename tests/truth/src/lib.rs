@@ -38,7 +38,8 @@ mod rig;
 #[cfg(test)]
 mod tests;
 
-pub use case::{Case, Kind, Plan, Planned, case, plan};
+pub use case::{Case, Kind, Plan, Planned, case, experiment, plan};
+pub use drive::Drive;
 pub use effects::{CATALOGUE, Entry, Form};
 pub use hidden::Reading;
 pub use live::{Hiding, Seen};

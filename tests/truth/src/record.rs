@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 use serde::Serialize;
 
 use crate::drive::Drive;
-use crate::hidden::{Hidden, Reading};
+use crate::hidden::{Hidden, Moment, Reading};
 use crate::machine::Machine;
 use crate::rig::Rig;
 
@@ -74,6 +74,22 @@ pub(crate) struct Run {
     pub(crate) unrecorded: usize,
 }
 
+/// The drive's cock, in the place of an effect before all others: nothing comes through the valve.
+struct Cock<'a> {
+    drive: &'a Drive,
+    start_s: f64,
+}
+
+impl Hidden for Cock<'_> {
+    fn flow_kg_per_s(&self, flow: f64, now: &Moment, _: &[f64], _: &mut [f64]) -> f64 {
+        if self.drive.is_shut(now.time_s + self.start_s) {
+            0.0
+        } else {
+            flow
+        }
+    }
+}
+
 impl Run {
     /// What sensors without noise show at the record's samples.
     pub(crate) fn simulate(&self, rig: &Rig, effects: &[&dyn Hidden]) -> Vec<Reading> {
@@ -93,7 +109,10 @@ impl Run {
         let steps_a_sample = (drive.period_s / step_s).round() as usize;
         let steps = (drive.reference_pa.len() - 1) * steps_a_sample;
         let first_s = -start_s - REST_S;
-        let mut machine = Machine::at_rest(rig, effects, first_s, drive.reference_pa[0]);
+        let cock = Cock { drive, start_s };
+        let mut parts: Vec<&dyn Hidden> = vec![&cock];
+        parts.extend(effects);
+        let mut machine = Machine::at_rest(rig, &parts, first_s, drive.reference_pa[0]);
         let mut readings = Vec::new();
         for i in 0..=rest_steps + steps {
             let done = i.checked_sub(rest_steps);
@@ -130,6 +149,10 @@ impl Run {
         if with_force {
             header.push("force_n");
         }
+        let shuts = !self.drive.shut.is_empty();
+        if shuts {
+            header.push("valve_open");
+        }
         writer.write_record(&header).expect("memory takes it");
         let references = &self.drive.reference_pa[self.unrecorded..];
         for (i, (reading, reference_pa)) in readings.iter().zip(references).enumerate() {
@@ -143,6 +166,10 @@ impl Run {
             let force_n = sensors.force_n.sense(reading.force_n, rng);
             if with_force {
                 row.push(format!("{force_n:.2}"));
+            }
+            if shuts {
+                let time_s = (self.unrecorded + i) as f64 * self.drive.period_s;
+                row.push(u8::from(!self.drive.is_shut(time_s)).to_string());
             }
             writer.write_record(&row).expect("memory takes it");
         }

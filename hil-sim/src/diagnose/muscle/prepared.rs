@@ -7,10 +7,20 @@ use super::thinned::{CHANGE_NOISES, thinned};
 use crate::check::{Check, Finding, Signal, check};
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA};
+use crate::record::{
+    CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN,
+};
 use crate::rig::{Gas, Load, Rig, Weight};
 use model_core::pressure::GaugePa;
 
+/// Columns that tell of the gas.
+const OF_GAS: [&str; 5] = [
+    PRESSURE_REF_PA,
+    PRESSURE_PA,
+    CONTRACTION,
+    SUPPLY_PA,
+    VALVE_OPEN,
+];
 /// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
 const KERNEL_S: f64 = 0.04;
 /// The same in a fall onto the stop, which takes a tenth of a second \[s\].
@@ -243,12 +253,10 @@ impl Prepared {
         let cut = without_vacuum(rig, &mut measured);
         let warnings = warnings.chain(left_out(record, &cut)).collect();
         let mut prepared = Prepared {
-            gas: record.column(PRESSURE_REF_PA).is_some().then(|| {
-                with_columns(
-                    record,
-                    &[PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, SUPPLY_PA],
-                )
-            }),
+            gas: record
+                .column(PRESSURE_REF_PA)
+                .is_some()
+                .then(|| with_columns(record, &OF_GAS)),
             measured,
             noise,
             places: Vec::new(),

@@ -1,7 +1,9 @@
 //! A record with no more rows than tell something: all others would only cost time.
 
 use super::prepared::Noise;
-use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA};
+use crate::record::{
+    CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN,
+};
 use std::ops::Range;
 
 /// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
@@ -13,10 +15,15 @@ pub(super) const CHANGE_NOISES: f64 = 6.0;
 
 /// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
 /// an input, rows in which nothing has changed are rarer; with a reference there is one where that
-/// changes. A cell without a sample has the next one before the next such row.
+/// or the valve's cock changes. A cell without a sample has the next one before the next such row.
 pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let time_s = record.time_s();
     let reference_pa = record.column(PRESSURE_REF_PA);
+    let held = [reference_pa, record.column(VALVE_OPEN)];
+    let switches = |row: usize| {
+        let mut held = held.into_iter().flatten();
+        held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
+    };
     let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
     let signals = signals.map(|name| (record.column(name), CHANGE_NOISES * noise.of(name)));
     let changes = |from: usize, to: usize| {
@@ -29,10 +36,7 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let mut last = 0;
     for row in 1..time_s.len() {
         let due = match reference_pa {
-            Some(reference_pa) => {
-                let (own, before) = (reference_pa[row], reference_pa[row - 1]);
-                time_s[row] >= time_s[last] + PERIOD_S || own != before && !own.is_nan()
-            }
+            Some(_) => time_s[row] >= time_s[last] + PERIOD_S || switches(row),
             None if time_s[row] < time_s[last] + PERIOD_S => false,
             // A weight's balance at rest bounds its static friction.
             None if !bench => true,
@@ -62,6 +66,7 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
         CONTRACTION,
         FORCE_N,
         SUPPLY_PA,
+        VALVE_OPEN,
     ] {
         if let Some(values) = record.column(name) {
             let first = |rows: &Range<usize>| {
@@ -72,4 +77,29 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
         }
     }
     thin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_held_begins_in_its_own_row() {
+        let time_s: Vec<f64> = (0..100).map(|row| 1e-3 * f64::from(row)).collect();
+        let after = |row: usize, before: f64, then: f64| {
+            let values = (0..100).map(|r| if r < row { before } else { then });
+            values.collect::<Vec<f64>>()
+        };
+        let mut record = Record::new(time_s);
+        record.set(PRESSURE_REF_PA, after(21, 1e5, 2e5));
+        record.set(VALVE_OPEN, after(51, 1.0, 0.0));
+        let thin = thinned(&record, &Noise::default(), false);
+        assert!(thin.time_s().len() < 20, "{:?}", thin.time_s());
+        for row in [21, 51] {
+            assert!(thin.time_s().contains(&(1e-3 * f64::from(row))), "{row}");
+        }
+        let mut shut = thin.time_s().iter().zip(thin.shut());
+        let is_right = |(time_s, shut): (&f64, bool)| shut == (*time_s > 0.0505);
+        assert!(shut.all(is_right));
+    }
 }

@@ -31,6 +31,7 @@ fn pieces(pieces: &[(f64, f64, f64)]) -> Run {
         drive: Drive {
             period_s: PERIOD_S,
             reference_pa,
+            shut: Vec::new(),
         },
         unrecorded: 0,
     }
