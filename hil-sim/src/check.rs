@@ -207,6 +207,8 @@ pub struct Check {
     pub sampling: Sampling,
     /// The columns with samples.
     pub signals: Vec<Signal>,
+    /// A cock between valve and muscle was shut (see [`crate::record::VALVE_OPEN`]).
+    pub cock_shut: bool,
     /// Why it cannot be diagnosed at all.
     pub errors: Vec<Finding>,
     /// What a diagnosis will suffer from.
@@ -224,6 +226,7 @@ pub fn check(record: &Record) -> Check {
     let mut check = Check {
         sampling,
         signals: signals.collect(),
+        cock_shut: !record.shut().is_empty(),
         errors: Vec::new(),
         warnings,
     };
@@ -388,7 +391,7 @@ impl Check {
         } else if self.sampling.period_s > PERIOD_S_MAX * ROUNDING {
             blind.push("lag and delay below two samples");
         }
-        if !of(PRESSURE_REF_PA, |signal| signal.longest_hold_s >= HOLD_S) {
+        if !self.cock_shut && !of(PRESSURE_REF_PA, |signal| signal.longest_hold_s >= HOLD_S) {
             blind.push("leak and dead zone of the valve: no hold of the reference for 10 s");
         }
         if !self.has(SUPPLY_PA) {

@@ -154,6 +154,9 @@ pub struct Experiment {
     pub duration_s: f64,
     /// Time from sampling the instruments to the new valve voltage \[s\], within one tick.
     pub output_delay_s: f64,
+    /// Time from the tick in which a played experiment asks for the cock to be shut or opened until
+    /// it is \[s\].
+    pub cock_delay_s: f64,
     /// Noise of the strain-gauge bridge \[N rms\].
     pub bridge_noise_n: f64,
     /// Noise of the pressure sensor \[Pa rms\].
@@ -172,6 +175,7 @@ impl Experiment {
         arm_stiffness_n_per_m: f64::INFINITY,
         duration_s: 6.0,
         output_delay_s: 100e-6,
+        cock_delay_s: 0.0,
         bridge_noise_n: 0.02,
         pressure_noise_pa: 250.0,
         seed: 1,
@@ -198,7 +202,7 @@ pub struct Tick {
     pub temperature_k: f64,
     /// Reference pressure at the valve's input from this tick on.
     pub valve_reference: GaugePa<f64>,
-    /// While an experiment is played: whether the cock between valve and muscle is shut.
+    /// While an experiment is played: whether the cock between valve and muscle is to be shut.
     pub shut: Option<bool>,
     /// What the controller read.
     pub sensors: Sensors,
@@ -382,6 +386,7 @@ pub fn run_with<T: Ticker>(
     let mut noise = Pcg64Mcg::seed_from_u64(experiment.seed);
     let mut request = Request::None;
     let mut player = experiment.play.clone();
+    let cock_delay_ticks = (experiment.cock_delay_s / TICK_S).round() as usize;
     let ticks = ((experiment.duration_s / TICK_S).round() as usize).max(1);
     for number in 0..ticks {
         let time_s = number as f64 * TICK_S;
@@ -429,7 +434,9 @@ pub fn run_with<T: Ticker>(
         };
         advance(&drive, time_s + experiment.output_delay_s)?;
         drive.reference = valve_reference;
-        drive.shut = shut.unwrap_or(false);
+        drive.shut = player.as_ref().is_some_and(|player| {
+            number >= cock_delay_ticks && player.is_shut((number - cock_delay_ticks) as u32)
+        });
         advance(&drive, (number + 1) as f64 * TICK_S)?;
     }
     Ok(())

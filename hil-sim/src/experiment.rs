@@ -6,7 +6,7 @@
 //! | zero | sensor offsets, dead band and γ: nothing pulls |
 //! | triangles | hysteresis (the same at three rates, minor loops) from creep, friction and lag |
 //! | holds | creep, leak, heat and drift: 60 s after a step, up and down |
-//! | shut-holds | leak from sensor gain and dead zone of the valve: that does not refill it |
+//! | shut-holds | leak from sensor gain and dead zone of the valve, which does not refill |
 //! | multisine | lag, delay and line: one spectrum |
 //! | sweep | flow limit and dead zone of the valve from its lag: steps that grow |
 
@@ -22,7 +22,11 @@ use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
 
 /// Rows a second: one a tick of the board.
-const RATE_HZ: f64 = 100.0;
+pub const RATE_HZ: f64 = 100.0;
+/// Contraction that a weight is not to pass, if nobody says another.
+pub const CONTRACTION_MAX: f64 = 0.3;
+/// So long the reference waits for whoever opens a cock \[s\].
+const OPENING_S: f64 = 5.0;
 /// Of the supply pressure: nearer to it no valve gets in time.
 const SUPPLY_SHARE: f64 = 0.95;
 /// A muscle pulls no further than where ∂F/∂P of Eq 1 is zero, and hardly beyond this share.
@@ -305,6 +309,7 @@ impl Pen {
                     self.is_open = false;
                     self.hold(60.0);
                     self.is_open = true;
+                    self.hold(OPENING_S);
                 }
             }
             Part::Multisine => self.multisine(),

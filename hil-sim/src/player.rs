@@ -9,6 +9,10 @@ use model_core::supervisor::{Fault, Mode};
 /// A board that is ready and is asked begins in the next tick, unless the asking is lost: seconds.
 const PATIENCE_TICKS: u32 = 500;
 
+/// How far the reference may be from the pressure \[Pa\] behind a shut cock, and until they have
+/// met again: less than half of what the controller takes for a valve that does not obey.
+const COCK_BAND_PA: f64 = 4e4;
+
 /// How an experiment ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
@@ -29,6 +33,9 @@ pub struct Player {
     reference_pa: Vec<u32>,
     /// Where the cock between valve and muscle is to be shut; empty if nowhere.
     shut: Vec<bool>,
+    /// It has been shut, and the pressure has not met the reference since.
+    apart: bool,
+    most_pa: u32,
     from_tick: Option<u32>,
     waited_ticks: u32,
     asked_to_vent: bool,
@@ -59,8 +66,10 @@ impl Player {
         }
         Ok(Player {
             time_s: drive.time_s().to_vec(),
+            most_pa: reference_pa.iter().copied().max().unwrap_or(0),
             reference_pa,
             shut: drive.shut(),
+            apart: false,
             from_tick: None,
             waited_ticks: 0,
             asked_to_vent: false,
@@ -70,11 +79,12 @@ impl Player {
 
     /// The highest pressure it asks for, gauge \[Pa\].
     pub fn pressure_pa_max(&self) -> f32 {
-        self.most_pa() as f32
+        self.most_pa as f32
     }
 
-    fn most_pa(&self) -> u32 {
-        self.reference_pa.iter().copied().max().unwrap_or(0)
+    /// The cock between valve and muscle is shut at some time.
+    pub fn has_cock(&self) -> bool {
+        !self.shut.is_empty()
     }
 
     /// How long it takes \[s\].
@@ -103,14 +113,21 @@ impl Player {
         row.copied().unwrap_or(false)
     }
 
-    /// What to ask for in `row` \[Pa\]. While the cock is shut the reference follows the pressure:
-    /// what leaks is not refilled before the cock is quite shut, the controller does not miss what
-    /// it cannot reach, and nothing surges in when the cock opens.
-    fn asked_pa(&self, row: usize, output: &Output) -> u32 {
-        match self.shut.get(row) {
-            Some(true) => (output.pressure.0.max(0.0).round() as u32).min(self.most_pa()),
-            _ => self.reference_pa[row],
+    /// What to ask for in `row` \[Pa\]. Behind a shut cock the reference stays near the pressure,
+    /// which may leak: the controller does not miss what it cannot reach, and little surges in where the
+    /// cock opens. Nearer it must not come: as long as a hand is late the valve works, and would
+    /// follow what the sensor is wrong by.
+    fn asked_pa(&mut self, row: usize, output: &Output) -> u32 {
+        let planned_pa = self.reference_pa[row];
+        let read_pa = f64::from(output.pressure.0);
+        let is_shut = self.shut.get(row).copied().unwrap_or(false);
+        let is_near = (f64::from(planned_pa) - read_pa).abs() <= COCK_BAND_PA;
+        self.apart = is_shut || self.apart && !is_near;
+        if !self.apart || read_pa.is_nan() {
+            return planned_pa;
         }
+        let near_pa = f64::from(planned_pa).clamp(read_pa - COCK_BAND_PA, read_pa + COCK_BAND_PA);
+        (near_pa.max(0.0).round() as u32).min(self.most_pa)
     }
 
     /// What to ask for after the tick that gave `output`. Ticks that were not seen take their time.

@@ -25,8 +25,8 @@ pub const INPUT_FORCE_N: &str = "input_force_n";
 pub const SUPPLY_PA: &str = "supply_pa";
 /// Measured gas temperature \[K\].
 pub const TEMPERATURE_K: &str = "temperature_k";
-/// 1 where the valve is open to the muscle, 0 where a cock between them is shut, held until the
-/// next row; open if it is not said.
+/// 1 where the valve is connected to the muscle, 0 where a cock between it and the pressure sensor
+/// is shut, or is asked to be; held until the next row; connected if it is not said.
 pub const VALVE_OPEN: &str = "valve_open";
 
 /// The board's tick, counted since its reset.

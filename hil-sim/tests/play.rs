@@ -46,7 +46,7 @@ fn begun() -> Player {
 fn each_row_is_asked_for_in_its_time_and_the_end_is_vented() {
     let mut player = begun();
     let told = Output {
-        pressure: GaugePa(9.87654e4),
+        pressure: GaugePa(4.12346e4),
         ..output(Mode::Playing, 0.0)
     };
     let asked: Vec<Request> = (100..106).map(|tick| player.request(tick, &told)).collect();
@@ -55,11 +55,11 @@ fn each_row_is_asked_for_in_its_time_and_the_end_is_vented() {
         asked,
         [
             play(0),
-            // The cock is shut: what was read.
-            Request::Play(98_765),
-            Request::Play(98_765),
-            play(100),
-            play(0),
+            // The cock is shut: near what was read, until that is near.
+            Request::Play(81_235),
+            Request::Play(81_235),
+            Request::Play(81_235),
+            Request::Play(1_235),
             Request::Vent
         ]
     );
@@ -124,8 +124,8 @@ fn a_drive_below_none_is_refused() {
     );
 }
 
-/// A leaking rig plays the holds with the cock shut, without a fault: the reference goes with the
-/// pressure. Its record tells when that was, and only with it does a simulation know the leak.
+/// A leaking rig plays the holds with the cock shut, without a fault. Its record tells when that
+/// was, and only with that and the leak does a simulation follow.
 #[test]
 fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
     let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 1e-10\n";
@@ -133,7 +133,7 @@ fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
     let leaking = Rig::parse("rig.toml", &text).expect("a rig");
     let limits = Limits::of(&leaking, 0.3).expect("limits");
     let drive = experiment(&limits, &[Part::ShutHolds]).record;
-    let (settings, ticks) = played(&leaking, &drive);
+    let (settings, ticks) = played(&leaking, &drive, 0.0);
     let recorded = closed_loop::record(&settings, &ticks);
     let shut = recorded.shut();
     let count = |rows: &[bool]| rows.iter().filter(|shut| **shut).count();
@@ -157,8 +157,8 @@ fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
     assert!(tight_pa > 20.0 * noise_pa, "{tight_pa}");
     let mut open = recorded.clone();
     open.remove(VALVE_OPEN);
-    let open_pa = missed_pa(&tight, &open);
-    assert!(open_pa < 4.0 * noise_pa, "{open_pa}");
+    let open_pa = missed_pa(&leaking, &open);
+    assert!(open_pa > 20.0 * noise_pa, "{open_pa}");
 }
 
 #[test]
@@ -173,8 +173,35 @@ fn what_is_said_of_the_cock_is_open_or_shut() {
     );
 }
 
-/// Plays a drive on `rig` with the controller that is on the board.
-fn played(rig: &Rig, drive: &Record) -> (Settings, Vec<Tick>) {
+/// The hand is late, a leak has emptied the muscle, and the sensor reads too much: the reference
+/// does not go where that leads, nor is the weight thrown where the cock opens.
+#[test]
+fn a_late_hand_at_the_cock_of_a_rig_that_leaks_ends_in_no_fault() {
+    for leak in [
+        "",
+        "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 1e-9\n",
+    ] {
+        for error in [-0.03, 0.03] {
+            let sensor =
+                format!("[[effect]]\nname = \"pressure-sensor-gain\"\ngain_error = {error}\n");
+            let text = format!("{}{leak}{sensor}", Rig::REFERENCE_TOML);
+            let rig = Rig::parse("rig.toml", &text).expect("a rig");
+            let limits = Limits::of(&rig, 0.3).expect("limits");
+            let drive = experiment(&limits, &[Part::ShutHolds]).record;
+            let (_, ticks) = played(&rig, &drive, 2.0);
+            let highest = ticks
+                .iter()
+                .map(|tick| tick.contraction)
+                .fold(0.0, f64::max);
+            // What the sensor is wrong by, of a muscle that gives way by 3 % of its pressure.
+            assert!(highest < 0.32, "{highest}");
+        }
+    }
+}
+
+/// Plays a drive on `rig` with the controller that is on the board, and somebody at the cock who is
+/// late by `cock_delay_s`.
+fn played(rig: &Rig, drive: &Record, cock_delay_s: f64) -> (Settings, Vec<Tick>) {
     let player = Player::new(drive).expect("a drive");
     let board = SettingsValues {
         play_pressure_pa_max: player.pressure_pa_max(),
@@ -183,6 +210,7 @@ fn played(rig: &Rig, drive: &Record) -> (Settings, Vec<Tick>) {
     let settings = settings_with(rig, &board).expect("settings");
     let played = Experiment {
         arm_stiffness_n_per_m: 0.0,
+        cock_delay_s,
         duration_s: CHECKED_S + player.length_s() + 1.0,
         play: Some(player),
         ..Experiment::PAPER
@@ -204,7 +232,7 @@ fn the_controller_plays_a_whole_experiment_without_a_fault() {
     let rig = Rig::reference();
     let limits = Limits::of(&rig, 0.3).expect("limits");
     let drive = experiment(&limits, &Part::USUAL).record;
-    let (_, ticks) = played(&rig, &drive);
+    let (_, ticks) = played(&rig, &drive, 0.0);
     let begin = ticks
         .iter()
         .position(|tick| tick.output.mode == Mode::Playing)

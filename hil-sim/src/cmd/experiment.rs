@@ -3,7 +3,7 @@
 use super::between;
 use crate::Failure;
 use hil_sim::error::BadInput;
-use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::experiment::{CONTRACTION_MAX, Limits, Part, experiment};
 use hil_sim::output::same_file;
 use hil_sim::rig::Rig;
 use serde::Serialize;
@@ -15,9 +15,9 @@ use std::path::PathBuf;
 /// and
 /// steps that grow: what tells effects apart that one record alone does not. Vented at both ends.
 ///
-/// For shut-holds somebody shuts a cock between valve and muscle where `valve_open` is 0; `hil-sim
-/// record --play` says when, has the reference follow the pressure meanwhile, and writes the column
-/// to the record, which `simulate` and `diagnose` heed.
+/// For shut-holds somebody shuts a cock between valve and pressure sensor where `valve_open` is 0;
+/// `hil-sim record --play` says when, and writes the column to the record, which `simulate` and
+/// `diagnose` heed. While it is shut nothing vents the muscle: secure the weight.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_enum)]
     part: Vec<Part>,
     /// Contraction that a weight is not to pass
-    #[arg(long, default_value_t = 0.3, value_parser = between(0.01, 0.9))]
+    #[arg(long, default_value_t = CONTRACTION_MAX, value_parser = between(0.01, 0.9))]
     contraction_max: f64,
     /// Fastest change of the reference [Pa/s]; what the board's reference settings allow if left
     /// out

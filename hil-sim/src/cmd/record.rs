@@ -57,7 +57,8 @@ pub struct Args {
     #[arg(long)]
     force: bool,
     /// Play this experiment on the board's muscle (see `hil-sim experiment`) and end with it;
-    /// nobody may be near it. The board has to allow it: `play_pressure_pa_max` of its settings
+    /// nobody may be near the weight. The board has to allow it: `play_pressure_pa_max` of its
+    /// settings. Where a cock is to be shut (`valve_open` 0) it says when
     #[arg(long, value_name = "EXP.csv", conflicts_with = "duration")]
     play: Option<PathBuf>,
     /// Have the board allow --play its pressures, and forbid it again at the end
@@ -108,7 +109,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => None,
     };
     let mut timeline = Timeline::new(settings, from);
-    let listened = listen(args, &mut board, &mut timeline, &mut recorder, &mut player);
+    let mut cock = Cock::default();
+    if player.as_ref().is_some_and(Player::has_cock) {
+        eprintln!(
+            "a cock is to be shut by hand, behind which nothing vents the muscle: secure the weight"
+        );
+    }
+    let playing = (&mut player, &mut cock);
+    let listened = listen(args, &mut board, &mut timeline, &mut recorder, playing);
+    cock.warn();
     if *settings.values() != values && board.line.write_settings(&values).is_err() {
         eprintln!("the board still allows experiments: its settings could not be set back");
     }
@@ -273,17 +282,56 @@ fn ended(player: &Player) -> String {
     }
 }
 
-/// Asks the board for what is due; the muscle's cock is the user's.
-fn play(player: &mut Player, board: &mut Connected, told: &Telemetry) -> Result<(), LinkError> {
-    match (
-        player.is_shut(told.tick.wrapping_sub(1)),
-        player.is_shut(told.tick),
-    ) {
-        (false, true) => eprintln!("shut the cock between valve and muscle NOW"),
-        (true, false) => eprintln!("open the cock between valve and muscle NOW"),
-        _ => {}
+/// Ticks before a cock is due in which its user is told.
+const AHEAD_TICKS: u32 = 300;
+
+/// The cock between valve and pressure sensor is the user's: what they were told of it last, that
+/// it would soon be shut and that it is now to be.
+#[derive(Default)]
+struct Cock {
+    soon: bool,
+    now: bool,
+}
+
+impl Cock {
+    /// Tells what has changed at `tick`, whatever ticks were not seen.
+    fn tell(&mut self, player: &Player, tick: u32) {
+        let verb = |shut: bool| if shut { "shut" } else { "open" };
+        let soon = player.is_shut(tick.wrapping_add(AHEAD_TICKS));
+        if soon != self.soon {
+            eprintln!("in 3 s: {} the cock", verb(soon));
+        }
+        let now = player.is_shut(tick);
+        if now != self.now {
+            eprintln!("{} the cock NOW", verb(now));
+        }
+        *self = Cock { soon, now };
     }
-    match player.request(told.tick, &told.output) {
+
+    /// Warns of what venting has not reached.
+    fn warn(&self) {
+        if self.now {
+            eprintln!(
+                "the cock was to be shut: the muscle may hold its air behind it. Secure the weight \
+                 before you open it"
+            );
+        }
+    }
+}
+
+/// Asks the board for what is due.
+fn play(
+    player: &mut Player,
+    cock: &mut Cock,
+    board: &mut Connected,
+    told: &Telemetry,
+) -> Result<(), LinkError> {
+    let request = player.request(told.tick, &told.output);
+    // Who vents, for whatever reason, asks for no more.
+    if told.output.mode == Mode::Playing {
+        cock.tell(player, told.tick);
+    }
+    match request {
         Request::None => Ok(()),
         request => board
             .line
@@ -297,7 +345,7 @@ fn listen(
     board: &mut Connected,
     timeline: &mut Timeline,
     recorder: &mut Recorder,
-    player: &mut Option<Player>,
+    (player, cock): (&mut Option<Player>, &mut Cock),
 ) -> Result<bool, Failure> {
     let begin = Instant::now();
     let mut replayable = false;
@@ -325,10 +373,10 @@ fn listen(
                     board.line.send(&ToDevice::Command(Command::LeaveHil))?;
                 }
                 if let (Some(player), Source::Pins) = (&mut *player, told.source) {
-                    play(player, board, &told)?;
+                    play(player, cock, board, &told)?;
                 }
                 if let Some(mut row) = timeline.row(&told, elapsed_s) {
-                    row.shut = player.as_ref().map(|player| player.is_shut(told.tick));
+                    row.shut = player.as_ref().map(|_| cock.now);
                     replayable |= row.begins_with.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);

@@ -14,8 +14,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     block: "gas",
     mark: "The pressure settles below its reference in proportion to itself, and falls with the \
            valve shut.",
-    experiment: "a cock at the valve shut at four pressures for 60 s (`hil-sim experiment --part \
-                 shut-holds`); what leaks is not refilled then, and falls with the pressure.",
+    experiment: "a cock between valve and pressure sensor shut at four pressures for 60 s \
+                 (`hil-sim experiment --part shut-holds`); what leaks is not refilled then, and falls with the pressure.",
     forms: &[
         Form {
             name: "linear",
@@ -74,11 +74,11 @@ struct Gap {
 }
 
 impl Gap {
-    /// Mass flow towards the side that is `difference_pa` lower \[kg/s\]; none against it.
+    /// Mass flow towards the side that is `difference_pa` ≥ 0 lower \[kg/s\].
     fn flow_kg_per_s(&self, difference_pa: f64) -> f64 {
         let turbulent_pa = difference_pa.max(LAMINAR_PA);
         let share = (turbulent_pa / REFERENCE_PRESSURE_PA).powf(self.power);
-        let laminar = difference_pa.max(0.0) / turbulent_pa;
+        let laminar = difference_pa / turbulent_pa;
         self.conductance_kg_per_pa_s * REFERENCE_PRESSURE_PA * share * laminar
     }
 }
@@ -88,8 +88,12 @@ impl Dynamics<GasPoint> for Gap {}
 impl GasTerm for Gap {
     fn exchange(&self, at: &GasPoint, _: &[f64], exchange: &mut Exchange) {
         let gauge_pa = at.pressure.to_gauge(at.atmospheric).0;
-        exchange.outflow_kg_per_s += self.flow_kg_per_s(gauge_pa);
-        exchange.inflow_kg_per_s += self.flow_kg_per_s(-gauge_pa);
+        let flow_kg_per_s = self.flow_kg_per_s(gauge_pa.abs());
+        if gauge_pa >= 0.0 {
+            exchange.outflow_kg_per_s += flow_kg_per_s;
+        } else {
+            exchange.inflow_kg_per_s += flow_kg_per_s;
+        }
     }
 }
 

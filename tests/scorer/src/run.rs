@@ -10,7 +10,7 @@ use crate::gap::{self, Gaps};
 use crate::shared::forms;
 use clap::ValueEnum;
 use hil_sim::error::BadInput;
-use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::experiment::{CONTRACTION_MAX, Limits, Part, RATE_HZ, experiment};
 use hil_sim::output::{NotWritten, write_atomically};
 use hil_sim::record::PRESSURE_REF_PA;
 use hil_sim::rig::Rig;
@@ -27,9 +27,6 @@ use truth::{Case, Drive};
 
 /// Numbers that are looked through for cases that fit a selection.
 const SEARCHED: u64 = 100_000;
-
-/// Contraction that a weight is not to pass in an experiment: what `hil-sim experiment` takes.
-const CONTRACTION_MAX: f64 = 0.3;
 
 /// As much of stderr as tells why it failed.
 const LAST_LINES: usize = 3;
@@ -208,9 +205,8 @@ fn advised(case: &Case, parts: &[Part]) -> Result<Drive, Error> {
     let rig = Rig::parse(&format!("{}/rig.toml", case.id), &case.rig_toml)?;
     let limits = Limits::of(&rig, CONTRACTION_MAX)?;
     let written = experiment(&limits, parts).record;
-    let time_s = written.time_s();
     Ok(Drive {
-        period_s: (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64,
+        period_s: RATE_HZ.recip(),
         reference_pa: written.require(PRESSURE_REF_PA)?.to_vec(),
         shut: written.shut(),
     })

@@ -93,7 +93,7 @@ fn collected(answer: Answer, diagnosis: Result<Diagnosis, String>) -> Collected 
         answer,
         run: Run {
             arguments: Vec::new(),
-            experiment: Vec::new(),
+            experiment: vec!["zero".into()],
             program_crc32: 0,
             ended: ended(Some(0)),
             last_words: String::new(),
@@ -375,7 +375,7 @@ fn the_reports_have_it_all() {
         "Warning: old.",
         "leak     creep 1, leak 1",
         "no answer: gone",
-        "--seed 1 --first 3 --count 1 --again --out out/x-again --diagnose other",
+        "--seed 1 --first 3 --count 1 --again --out out/x-again --diagnose other --experiment zero",
     ] {
         assert!(text.contains(part), "{part}\n{text}");
     }

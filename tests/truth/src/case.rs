@@ -296,7 +296,7 @@ impl Scene {
 /// shut a cock between valve and muscle, `valve_open` tells when.
 ///
 /// # Panics
-/// If the drive has no sample.
+/// If the drive has no sample, or takes the rig out of physics.
 #[must_use]
 pub fn experiment(seed: u64, index: u64, drive: Drive) -> String {
     let scene = Scene::draw(&plan(seed, index), &mut generator(seed, index, 2));

@@ -12,6 +12,7 @@ use crate::record::{
 };
 use crate::rig::{Gas, Load, Rig, Weight};
 use model_core::pressure::GaugePa;
+use std::ops::Range;
 
 /// Columns that tell of the gas.
 const OF_GAS: [&str; 5] = [
@@ -42,6 +43,8 @@ const STOP_REST_S: f64 = 0.3;
 /// So long after a landing on the stop the gas is not compared \[s\]: between two samples the
 /// contraction is not known there.
 const LANDING_S: f64 = 0.1;
+/// So long after a cock is to be opened the gas is not compared \[s\]: a hand may be late.
+const OPENING_S: f64 = 2.0;
 /// Speed of a landing that matters \[1/s\].
 const LANDING_PER_S: f64 = 0.05;
 /// Force that no bench of this kind resolves, so no residual is judged finer \[N\].
@@ -172,6 +175,13 @@ fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f
     fast.map(|row| time_s[row]).collect()
 }
 
+/// When a cock is opened.
+fn openings_s(record: &Record) -> Vec<f64> {
+    let shut = record.shut();
+    let opens = (1..shut.len()).filter(|row| shut[row - 1] && !shut[*row]);
+    opens.map(|row| record.time_s()[row]).collect()
+}
+
 /// Whether the pressure of a weight's muscle is at rest as `record` begins. A bench is: what its
 /// states would have had to be cannot be told from its zeros.
 fn begins_at_rest(rig: &Rig, record: &Record, noise: &Noise) -> bool {
@@ -286,16 +296,14 @@ impl Prepared {
                 .collect()
         };
         prepared.gas_rows = rows(PRESSURE_PA);
+        prepared.skip_gas(time_s, &openings_s(record), 0.0..OPENING_S);
         prepared.force_rows = rows(FORCE_N);
         prepared.weigh_forces(rig, record, repeatability_n.unwrap_or(0.0));
         let Load::Weight(weight) = rig.load else {
             return Ok(prepared);
         };
         let landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
-        prepared.gas_rows.retain(|row| {
-            let mut landings = landings_s.iter();
-            !landings.any(|s| (-0.02..LANDING_S).contains(&(time_s[*row] - s)))
-        });
+        prepared.skip_gas(time_s, &landings_s, -0.02..LANDING_S);
         // Surely one way only where all of the neighbourhood goes that way.
         let surely: Vec<f64> = (0..time_s.len())
             .map(|row| {
@@ -310,6 +318,14 @@ impl Prepared {
         prepared.places(rig, &weight);
         prepared.stops(rig, &weight);
         Ok(prepared)
+    }
+
+    /// Has the gas not compared within `span_s` about some times.
+    fn skip_gas(&mut self, time_s: &[f64], about_s: &[f64], span_s: Range<f64>) {
+        self.gas_rows.retain(|row| {
+            let mut about = about_s.iter();
+            !about.any(|s| span_s.contains(&(time_s[*row] - s)))
+        });
     }
 
     /// How well the force is known in each row that is compared: by its noise and the pressure's.

@@ -9,7 +9,7 @@ use super::{Rig, bare, draw, pieces, with};
 use crate::effects::CATALOGUE;
 use crate::hidden::Reading;
 use crate::record::Sensors;
-use crate::{Kind, case, plan};
+use crate::{Drive, Kind, case, experiment, plan};
 
 /// First number of a kind.
 fn first(kind: Kind) -> u64 {
@@ -101,6 +101,31 @@ fn a_case_repeats_and_its_parts_agree() {
         one.answer["force_channel"].as_bool(),
         Some(one.fit[0].contains("force_n"))
     );
+}
+
+/// An experiment is made on the rig of the case, and what its cock shuts in stays.
+#[test]
+fn an_experiment_is_the_cases_own() {
+    for index in 0..8 {
+        let drive = Drive {
+            period_s: 0.01,
+            reference_pa: vec![2.0e5; 200],
+            shut: (0..200).map(|row| row >= 100).collect(),
+        };
+        let text = experiment(1, index, drive);
+        let told = case(1, index);
+        let header = text.lines().next().expect("a header");
+        let other = told.fit[0].lines().next().expect("a header");
+        assert_eq!(header, format!("{other},valve_open"));
+        assert_eq!(text.matches(",1\n").count(), 100);
+    }
+    let held = |shut: bool| {
+        let mut run = pieces(&[(2.0, 2.0e5, 2.0e5), (2.0, 4.0e5, 4.0e5)]);
+        let rows = run.drive.reference_pa.len();
+        run.drive.shut = (0..rows).map(|row| shut && row >= 150).collect();
+        bare(&run, &Rig::default())[rows - 1].pressure_pa
+    };
+    assert!((held(true) - 2.0e5).abs() < 1.0e3 && held(false) > 3.9e5);
 }
 
 #[test]
