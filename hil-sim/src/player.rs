@@ -114,9 +114,9 @@ impl Player {
     }
 
     /// What to ask for in `row` \[Pa\]. Behind a shut cock the reference stays near the pressure,
-    /// which may leak: the controller does not miss what it cannot reach, and little surges in where the
-    /// cock opens. Nearer it must not come: as long as a hand is late the valve works, and would
-    /// follow what the sensor is wrong by.
+    /// which may leak: the controller does not miss what it cannot reach, and little surges in
+    /// where the cock opens. Nearer it must not come: as long as a hand is late the valve works,
+    /// and would follow what the sensor is wrong by.
     fn asked_pa(&mut self, row: usize, output: &Output) -> u32 {
         let planned_pa = self.reference_pa[row];
         let read_pa = f64::from(output.pressure.0);

@@ -15,7 +15,8 @@ pub(super) const KIND: EffectKind = EffectKind {
     mark: "The pressure settles below its reference in proportion to itself, and falls with the \
            valve shut.",
     experiment: "a cock between valve and pressure sensor shut at four pressures for 60 s \
-                 (`hil-sim experiment --part shut-holds`); what leaks is not refilled then, and falls with the pressure.",
+                 (`hil-sim experiment --part shut-holds`); what leaks is not refilled then, and \
+                 falls with the pressure.",
     forms: &[
         Form {
             name: "linear",
