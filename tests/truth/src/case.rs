@@ -314,12 +314,11 @@ pub fn case(seed: u64, index: u64) -> Case {
     let rng = &mut generator(seed, index, 2);
     let scene = Scene::draw(&plan, rng);
     let Scene {
-        pair,
-        variant,
+        ref pair,
+        ref variant,
         with_force,
-        drawn,
-    } = &scene;
-    let with_force = *with_force;
+        ref drawn,
+    } = scene;
     let sensors = Sensors::default();
     let hidden = scene.hidden();
     let mut runs = |recipes: &[Recipe]| -> Vec<Run> {

@@ -110,7 +110,10 @@ impl Run {
         let steps = (drive.reference_pa.len() - 1) * steps_a_sample;
         let first_s = -start_s - REST_S;
         let cock = Cock { drive, start_s };
-        let mut parts: Vec<&dyn Hidden> = vec![&cock];
+        let mut parts: Vec<&dyn Hidden> = Vec::new();
+        if !drive.shut.is_empty() {
+            parts.push(&cock);
+        }
         parts.extend(effects);
         let mut machine = Machine::at_rest(rig, &parts, first_s, drive.reference_pa[0]);
         let mut readings = Vec::new();
@@ -149,8 +152,8 @@ impl Run {
         if with_force {
             header.push("force_n");
         }
-        let shuts = !self.drive.shut.is_empty();
-        if shuts {
+        let shut = self.drive.shut.get(self.unrecorded..).unwrap_or_default();
+        if !shut.is_empty() {
             header.push("valve_open");
         }
         writer.write_record(&header).expect("memory takes it");
@@ -167,9 +170,8 @@ impl Run {
             if with_force {
                 row.push(format!("{force_n:.2}"));
             }
-            if shuts {
-                let time_s = (self.unrecorded + i) as f64 * self.drive.period_s;
-                row.push(u8::from(!self.drive.is_shut(time_s)).to_string());
+            if let Some(shut) = shut.get(i) {
+                row.push(u8::from(!shut).to_string());
             }
             writer.write_record(&row).expect("memory takes it");
         }
