@@ -36,7 +36,7 @@ mod app {
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
     use model_core::device::{Command, Device, Pins};
-    use model_core::frame::Request;
+    use model_core::io::Request;
     use model_core::link::{FromDevice, Identity, Telemetry, ToDevice, Written};
     use model_core::settings::{Settings, SettingsValues};
     use model_core::supervisor::{Fault, Mode};

@@ -14,7 +14,7 @@ use crate::recorder::{self, Row};
 use crate::rig::{Load, Rig};
 use model_core::assist::Assist;
 use model_core::error::SettingsError;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};

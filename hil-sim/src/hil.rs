@@ -11,7 +11,7 @@ use crate::paper::AssistRun;
 use crate::recorder::{Recorder, Row};
 use crate::rig::Rig;
 use crate::screen::View;
-use model_core::frame::{Output, Sensors};
+use model_core::io::{Output, Sensors};
 use model_core::link::Telemetry;
 use model_core::settings::Settings;
 use serde::Serialize;

@@ -5,7 +5,7 @@
 //! is the board's: an emulated one lets it pass only while the PC waits.
 
 use model_core::device::{Command, SimulatedSensors};
-use model_core::frame::{Output, Sensors};
+use model_core::io::{Output, Sensors};
 use model_core::link::{
     Decoder, FRAME_LEN_MAX, FromDevice, Identity, Source, Telemetry, ToDevice, Written, encode,
 };

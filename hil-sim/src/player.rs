@@ -3,7 +3,7 @@
 use crate::closed_loop::TICK_S;
 use crate::error::BadInput;
 use crate::record::{PRESSURE_REF_PA, Record};
-use model_core::frame::{Output, Request};
+use model_core::io::{Output, Request};
 use model_core::supervisor::{Fault, Mode};
 
 /// A board that is ready and is asked begins in the next tick, unless the asking is lost: seconds.

@@ -39,7 +39,7 @@ pub const PRESSURE_COUNT: &str = "pressure_count";
 pub const ENCODER_COUNT: &str = "encoder_count";
 /// Ticks that did not happen before this one.
 pub const MISSED_TICKS: &str = "missed_ticks";
-/// What was asked for: text, see `model_core::frame::Request`.
+/// What was asked for: text, see `model_core::io::Request`.
 pub const REQUEST: &str = "request";
 /// What the controller sent to the valve \[DAC counts\].
 pub const VALVE_COUNT: &str = "valve_count";

@@ -4,7 +4,7 @@ use crate::closed_loop::{self, TICK_S};
 use crate::mcap::McapWriter;
 use crate::output::NotWritten;
 use crate::record::{self, Record};
-use model_core::frame::{Output, Sensors};
+use model_core::io::{Output, Sensors};
 use model_core::link::{Source, Telemetry};
 use model_core::settings::{ENCODED_LEN_MAX, Settings};
 use model_core::timing::Timing;

@@ -11,7 +11,7 @@ use crate::record::{self, Record};
 use crate::recorder::{COLUMNS, Cell, Row};
 use crate::rig::Rig;
 use model_core::controller::Controller;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::settings::Settings;
 use model_core::signal::{AdcCount, EncoderCount};
 use serde::Serialize;

@@ -12,7 +12,7 @@ use hil_sim::rig::{Load, Rig};
 use hil_sim::settings_file;
 use model_core::compensation::Compensation;
 use model_core::controller::Controller;
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::EncoderCount;
 use model_core::supervisor::{Fault, Mode};

@@ -14,7 +14,7 @@ use hil_sim::rig::Rig;
 use hil_sim::screen::View;
 use model_core::controller::Controller;
 use model_core::device::Command;
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::{FromDevice, Telemetry, ToDevice, Written};
 use model_core::settings::{Settings, SettingsValues};
 use proptest::prelude::*;

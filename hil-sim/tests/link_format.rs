@@ -1,7 +1,7 @@
 //! The link's frames are those of docs/link.md, and change only with their version.
 
 use model_core::device::Command;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::link::{
     Board, Crash, FRAME_LEN_MAX, FromDevice, ResetCause, SettingsSource, Source, Telemetry,
     ToDevice, VERSION, Written, encode,

@@ -9,7 +9,7 @@ use hil_sim::record::{PRESSURE_PA, PRESSURE_REF_PA, Record, VALVE_OPEN};
 use hil_sim::rig::Rig;
 use hil_sim::simulate::simulate;
 use model_core::controller::Controller;
-use model_core::frame::{Output, Request};
+use model_core::io::{Output, Request};
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::supervisor::{Fault, Mode};

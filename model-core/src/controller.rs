@@ -10,7 +10,7 @@
 use crate::assist::reference_force_n;
 use crate::compensation::{Memory, limited};
 use crate::consistency::{ForceBalance, PressureFollower};
-use crate::frame::{Output, Request, Sensors};
+use crate::io::{Output, Request, Sensors};
 use crate::plausibility::{Bounds, Tally, Verdict, Watch};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;

@@ -3,7 +3,7 @@
 //! The firmware reads pins and bytes; what follows from them is decided here.
 
 use crate::controller::Controller;
-use crate::frame::{Output, Request, Sensors};
+use crate::io::{Output, Request, Sensors};
 use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};

@@ -31,7 +31,7 @@ pub mod consistency;
 pub mod controller;
 pub mod device;
 pub mod error;
-pub mod frame;
+pub mod io;
 pub mod limits;
 pub mod link;
 pub mod muscle;

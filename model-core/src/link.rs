@@ -8,7 +8,7 @@
 //! next zero begins anew. A frame that does not pass its checksum is dropped whole.
 
 use crate::device::Command;
-use crate::frame::{Output, Sensors};
+use crate::io::{Output, Sensors};
 use crate::settings::SettingsValues;
 use crate::supervisor::Fault;
 use crate::timing::Timing;
@@ -314,7 +314,7 @@ impl Decoder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Request;
+    use crate::io::Request;
     use crate::plausibility::Doubt;
     use crate::signal::{AdcCount, EncoderCount};
     use proptest::collection::vec;

@@ -14,7 +14,7 @@
 //! A fault is latched with its reason until it is reset, also while venting on request; the first
 //! one counts. Venting lowers the reference at a limited rate: the weight is let down, not dropped.
 
-use crate::frame::Request;
+use crate::io::Request;
 use crate::plausibility::{Doubt, Verdict};
 use crate::safety::{SafetyFunction, Switches};
 use crate::settings::SettingsValues;

@@ -3,7 +3,7 @@
 use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::error::SettingsError;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::limits::LIMITS;
 use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;

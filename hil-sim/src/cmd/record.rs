@@ -15,7 +15,7 @@ use hil_sim::rig::Rig;
 use hil_sim::screen::View;
 use model_core::device::Command;
 use model_core::error::SettingsError;
-use model_core::frame::Request;
+use model_core::io::Request;
 use model_core::link::{FromDevice, Source, Telemetry, ToDevice};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::supervisor::Mode;

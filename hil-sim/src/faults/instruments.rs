@@ -4,7 +4,7 @@ use super::Case;
 use super::kind::{Inject, Instrument, LinkFault};
 use super::unit::frame;
 use model_core::device::{Command, Pins};
-use model_core::frame::Request;
+use model_core::io::Request;
 use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
 use model_core::signal::{AdcCount, COUNT_MAX, EncoderCount};

@@ -13,7 +13,7 @@ use crate::plant::simulation::{Initial, Simulation};
 use crate::plant::{Drive, Plant, Simulated, Term};
 use crate::rig::Rig;
 use model_core::device::{Command, Pins};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};

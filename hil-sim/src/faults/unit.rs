@@ -3,7 +3,7 @@
 use super::kind::{Memory, SettingsFault};
 use model_core::controller::Controller;
 use model_core::device::{Command, Device, Pins};
-use model_core::frame::{Output, Request};
+use model_core::io::{Output, Request};
 use model_core::link::{Decoder, FRAME_LEN_MAX, ToDevice, encode};
 use model_core::safety::SafetyFunction;
 use model_core::settings::{Settings, SettingsValues};

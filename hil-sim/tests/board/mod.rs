@@ -9,7 +9,7 @@ pub use wander::wander;
 
 use hil_sim::link::{Port, PortError};
 use model_core::device::{Command, Device, Pins};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::{
     Board, Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice,
     Written, encode,

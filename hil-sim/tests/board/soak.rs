@@ -3,7 +3,7 @@
 use hil_sim::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Ticker};
 use hil_sim::error::BadInput;
 use hil_sim::rig::Rig;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::settings::Settings;
 use model_core::supervisor::{Fault, Mode};
 use std::collections::BTreeMap;

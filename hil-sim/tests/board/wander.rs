@@ -1,6 +1,6 @@
 //! Sensors for runs that are long; `tests/board` includes this file too.
 
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::signal::{AdcCount, EncoderCount};
 
 /// Sensors that wander through everything the controller may do, faults included: a muscle of the

@@ -3,7 +3,7 @@
 
 use model_core::assist::{Assist, reference_force_n};
 use model_core::controller::Controller;
-use model_core::frame::{Output, Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::reference::reference_pressure;

@@ -8,7 +8,7 @@ use crate::rig::{MS, Rig, TICK_NS};
 use hil_sim::closed_loop::{self, Experiment};
 use hil_sim::rig::Rig as PlantRig;
 use model_core::controller::Controller;
-use model_core::frame::{Output, Sensors};
+use model_core::io::{Output, Sensors};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::COUNT_MAX;
 use std::collections::BTreeSet;

@@ -5,7 +5,7 @@ use crate::rig::{MS, Rig};
 use crate::timing::ticks;
 use model_core::compensation::Compensation;
 use model_core::device::{Command, SimulatedSensors};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
 use model_core::supervisor::Mode;

@@ -3,7 +3,7 @@
 use crate::rig::{MS, Rig};
 use emulated_board::ResetCause as Cause;
 use model_core::device::Command;
-use model_core::frame::Request;
+use model_core::io::Request;
 use model_core::link::{Crash, ResetCause, ToDevice};
 use model_core::supervisor::Fault;
 

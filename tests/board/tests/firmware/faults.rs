@@ -12,7 +12,7 @@ use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::run::{run, settings, stored};
 use hil_sim::faults::unit::{Told, Unit};
 use model_core::device::{Device, Pins};
-use model_core::frame::Output;
+use model_core::io::Output;
 use model_core::link::Telemetry;
 use model_core::signal::{COUNT_MAX, DacCount};
 use std::collections::BTreeMap;

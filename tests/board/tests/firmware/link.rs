@@ -2,7 +2,7 @@
 
 use crate::rig::Rig;
 use model_core::device::{Command, SimulatedSensors};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::{Source, ToDevice};
 use model_core::signal::{AdcCount, EncoderCount};
 

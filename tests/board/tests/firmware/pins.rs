@@ -3,7 +3,7 @@
 use crate::rig::{BRIDGE, BUTTON, PRESSURE, Rig, volts};
 use emulated_board::pin;
 use model_core::device::Command;
-use model_core::frame::Request;
+use model_core::io::Request;
 use model_core::link::ToDevice;
 use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::Mode;

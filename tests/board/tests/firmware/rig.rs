@@ -1,7 +1,7 @@
 //! A board with the firmware, wired as docs/wiring.md says, and what its link tells.
 
 use emulated_board::{Board, Pin, pin};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, Identity, Telemetry, ToDevice, encode};
 use std::io::Write;
 

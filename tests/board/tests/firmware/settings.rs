@@ -84,7 +84,7 @@ fn settings_are_refused_while_assisting_and_when_they_make_no_sense() {
     rig.send(&ToDevice::WriteSettings(senseless));
     rig.run_ms(20);
     assert_eq!(written(&mut rig), Some(Written::Invalid));
-    let assist = model_core::device::Command::Request(model_core::frame::Request::Assist);
+    let assist = model_core::device::Command::Request(model_core::io::Request::Assist);
     rig.send(&ToDevice::Command(assist));
     rig.run_ms(50);
     rig.messages();

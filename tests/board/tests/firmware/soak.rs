@@ -7,7 +7,7 @@ mod random_use;
 use crate::faults::OnBoard;
 use hil_sim::faults::unit::{Unit, frame};
 use model_core::device::{Command, Pins};
-use model_core::frame::{Request, Sensors};
+use model_core::io::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::settings::{Settings, SettingsValues};
 
