@@ -6,10 +6,10 @@
 mod cmd;
 
 use clap::{Parser, Subcommand};
+use hil_sim::bench::link::LinkError;
+use hil_sim::bench::{hil, replay};
 use hil_sim::error::BadInput;
-use hil_sim::link::LinkError;
 use hil_sim::output::NotWritten;
-use hil_sim::{hil, replay};
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.

@@ -1,6 +1,6 @@
 //! What `check` finds in records that have it, and not in those that have not.
 
-use hil_sim::check::{Check, Finding, check};
+use hil_sim::record::check::{Check, Finding, check};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
 use rand_distr::{Distribution, Normal};

@@ -1,21 +1,22 @@
 //! The compensation, proved on rigs that the tool has never seen: the plant of `tests/truth`, which
 //! shares no equation with it, in the loop with the controller.
 
-use hil_sim::closed_loop::{Experiment, TICK_S, settings};
-use hil_sim::compensate::{
+use hil_sim::bench::closed_loop::{Experiment, TICK_S, settings};
+use hil_sim::bench::compensate::{
     Beyond, DELAY_MARGIN_S_MIN, GAIN_MARGIN_MIN, Pulled, SPAN_S, compensate, load_force_n,
 };
-use hil_sim::diagnose::diagnose;
-use hil_sim::experiment::{Limits, Part, experiment};
+use hil_sim::bench::settings_file;
+use hil_sim::bench::test_signal::{Limits, Part, experiment};
+use hil_sim::identify::diagnosis::diagnose;
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
-use hil_sim::rig::{Load, Rig};
-use hil_sim::settings_file;
+use hil_sim::rig::{Rig, effect_toml};
 use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::io::{Request, Sensors};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::EncoderCount;
 use model_core::supervisor::{Fault, Mode};
+use muscle_plant::nominal::Load;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -55,12 +56,12 @@ fn hiding(name: &str, form: &str, size: f64) -> Hiding<'static> {
 /// on the electronics of `plain`.
 fn assist(hiding: &Hiding, plain: &Settings, settings: Settings) -> Errors {
     let nominal = Rig::reference();
-    let Load::Weight(weight) = nominal.load else {
+    let Load::Weight(weight) = nominal.nominal.load else {
         panic!("a weight");
     };
     let (lever, length_m) = (
         nominal.assist.expect("a lever"),
-        nominal.muscle.initial_length_m,
+        nominal.nominal.muscle.initial_length_m,
     );
     let electronics = plain.values();
     let experiment = Experiment::PAPER;
@@ -170,7 +171,7 @@ fn nearest(name: &str, hidden: &Value) -> String {
 }
 
 fn fitted(effects: &str) -> Rig {
-    let nominal = include_str!("../src/reference_rig.toml");
+    let nominal = include_str!("../src/rig/reference_rig.toml");
     Rig::parse("rig.fitted.toml", &format!("{nominal}{effects}")).expect("a rig")
 }
 
@@ -285,7 +286,7 @@ fn command_writes_settings_that_read_back_and_says_what_it_leaves() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let offset = "\n[[effect]]\nname = \"contraction-sensor-offset\"\noffset = 0.01\n";
-    let rig = include_str!("../src/reference_rig.toml").to_owned() + offset;
+    let rig = include_str!("../src/rig/reference_rig.toml").to_owned() + offset;
     std::fs::write(path.join("rig.toml"), rig).expect("written");
     let output = hil_sim(path, "compensate --rig rig.toml --out done --json");
     assert!(output.status.success(), "{output:?}");
@@ -392,7 +393,7 @@ fn falls_by_half_after_a_diagnosis(name: &str, form: &str) {
     let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
     let diagnosed = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("diagnosed");
     let found = diagnosed.fitted.effects.iter();
-    let found: Vec<String> = found.map(|effect| effect.to_toml()).collect();
+    let found: Vec<String> = found.map(effect_toml).collect();
     let found = found.join("").replace('\n', "; ");
     println!("{found}");
     let before = assist(&hiding, &plain(), plain());

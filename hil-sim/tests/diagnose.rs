@@ -104,7 +104,9 @@ fn with_cells(record: &str, column: &str, change: impl Fn(usize, &str) -> String
 /// Leaves few effects in the catalogue, one or two a block: the program is not optimised here.
 fn few() -> Vec<&'static str> {
     const FEW: [&str; 5] = ["hysteresis", "friction", "leak", "valve-lag", "payload"];
-    let names = hil_sim::effects::CATALOGUE.iter().map(|kind| kind.name);
+    let names = muscle_plant::effects::Catalogue::standard()
+        .kinds()
+        .map(|kind| kind.name);
     let others = names.filter(|name| !FEW.contains(name));
     others.flat_map(|name| ["--without", name]).collect()
 }

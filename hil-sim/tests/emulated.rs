@@ -68,7 +68,7 @@ fn other_settings_are_stored_and_replayed() {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let rig = include_str!("../src/reference_rig.toml");
+    let rig = include_str!("../src/rig/reference_rig.toml");
     let other = rig.replace("gain = 20.0", "gain = 14.0");
     assert_ne!(rig, other);
     std::fs::write(folder.path().join("rig.toml"), other).expect("written");
@@ -91,7 +91,7 @@ fn an_experiment_is_played_on_the_firmware() {
         return;
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let rig = include_str!("../src/reference_rig.toml").to_owned();
+    let rig = include_str!("../src/rig/reference_rig.toml").to_owned();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nforce_n = 20.0\n\
                   reach = 0.01\nspread = 8.0\ntaper = 0.0\nbase_share = 0.0\n";
     std::fs::write(folder.path().join("hidden.toml"), rig + hidden).expect("written");
@@ -134,7 +134,7 @@ fn what_a_record_of_the_firmware_tells_makes_it_better() {
     }
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let nominal = include_str!("../src/reference_rig.toml").to_owned();
+    let nominal = include_str!("../src/rig/reference_rig.toml").to_owned();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 20.0\n\
          reach = 0.015\nsharpness = 1.5\nbase_share = 0.0\n";
     std::fs::write(path.join("nominal.toml"), &nominal).expect("written");
@@ -178,7 +178,7 @@ fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::write(
         folder.path().join("rig.toml"),
-        include_str!("../src/reference_rig.toml"),
+        include_str!("../src/rig/reference_rig.toml"),
     )
     .expect("written");
     // At rest for the self-check, then up and down.

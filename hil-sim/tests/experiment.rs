@@ -1,11 +1,11 @@
 //! The drive of an experiment stays within the rig's limits, and moves what it says.
 
-use hil_sim::check::check;
-use hil_sim::experiment::{Limits, Part, experiment};
-use hil_sim::plant::simulation::TOLERANCE;
+use hil_sim::bench::test_signal::{Limits, Part, experiment};
+use hil_sim::identify::simulate::simulate;
+use hil_sim::record::check::check;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
+use muscle_plant::simulation::TOLERANCE;
 
 const CONTRACTION_MAX: f64 = 0.3;
 

@@ -1,12 +1,12 @@
 //! The fault campaign in short; and that it can fail. The whole one: `hil-sim faults`.
 
-use hil_sim::effects::CATALOGUE;
 use hil_sim::faults::Case;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{KINDS, Kind};
 use hil_sim::faults::outcome::Outcome;
-use hil_sim::rig::Effect;
 use model_core::safety::SafetyFunction;
+use muscle_plant::effects::Catalogue;
+use muscle_plant::effects::Effect;
 use rayon::prelude::*;
 
 fn outside(outcomes: &[Outcome]) -> Vec<&Outcome> {
@@ -37,8 +37,8 @@ fn a_case_is_its_number() {
 fn a_healthy_rig_raises_no_alarm() {
     let healthy: &'static Kind = &KINDS[0];
     assert_eq!(healthy.name, "healthy");
-    let forms = CATALOGUE
-        .iter()
+    let forms = Catalogue::standard()
+        .kinds()
         .flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
     let forms: Vec<_> = forms.collect();
     assert!(forms.len() >= 49);

@@ -3,7 +3,7 @@
 //! `tests/import` holds MATLAB files as scipy 1 (version 5) and h5py 3 with MATLAB's header (7.3)
 //! write them: `make.py` there.
 
-use hil_sim::import::{Imported, Map};
+use hil_sim::record::import::{Imported, Map};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, TEMPERATURE_K};
 use proptest::prelude::*;
 use std::process::Command;

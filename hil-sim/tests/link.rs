@@ -3,15 +3,15 @@
 mod board;
 
 use board::{DeviceBoard, Event, Faults, wander};
-use hil_sim::closed_loop::{self, Experiment};
-use hil_sim::hil::{self, Job};
-use hil_sim::link::{Client, LinkError, Port};
-use hil_sim::mcap;
+use hil_sim::bench::closed_loop::{self, Experiment};
+use hil_sim::bench::hil::{self, Job};
+use hil_sim::bench::link::{Client, LinkError, Port};
+use hil_sim::bench::recorder::{Recorder, Row, Timeline};
+use hil_sim::bench::replay::{self, Inputs, OnBoard, OnPc, replay};
+use hil_sim::bench::view::View;
 use hil_sim::record::Record;
-use hil_sim::recorder::{Recorder, Row, Timeline};
-use hil_sim::replay::{self, Inputs, OnBoard, OnPc, replay};
+use hil_sim::record::mcap;
 use hil_sim::rig::Rig;
-use hil_sim::screen::View;
 use model_core::controller::Controller;
 use model_core::device::Command;
 use model_core::io::{Request, Sensors};

@@ -5,10 +5,10 @@
 mod board;
 
 use board::DeviceBoard;
-use hil_sim::link::Port;
-use hil_sim::mcap;
+use hil_sim::bench::link::Port;
+use hil_sim::bench::replay::{Inputs, OnPc, replay};
 use hil_sim::record::Record;
-use hil_sim::replay::{Inputs, OnPc, replay};
+use hil_sim::record::mcap;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -218,7 +218,7 @@ fn the_plug_is_pulled_with_hardware_in_the_loop() {
     let board = Plugged::new(folder.path());
     std::fs::write(
         folder.path().join("rig.toml"),
-        include_str!("../src/reference_rig.toml"),
+        include_str!("../src/rig/reference_rig.toml"),
     )
     .unwrap();
     let args = [

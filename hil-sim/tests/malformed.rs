@@ -1,8 +1,8 @@
 //! Malformed rigs and records: exit status 2, one line that says where, and nothing written.
 
+use hil_sim::identify::simulate::simulate;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
 use proptest::prelude::*;
 use std::path::Path;
 use std::process::Command;

@@ -1,18 +1,18 @@
 //! An experiment is played by the controller: what was asked for comes to the valve, and it ends
 //! vented.
 
-use hil_sim::closed_loop::{self, CHECKED_S, Experiment, Tick, run, settings_with};
-use hil_sim::experiment::{Limits, Part, experiment};
-use hil_sim::plant::simulation::TOLERANCE;
-use hil_sim::player::{End, Player};
+use hil_sim::bench::closed_loop::{self, CHECKED_S, Experiment, Tick, run, settings_with};
+use hil_sim::bench::player::{End, Player};
+use hil_sim::bench::test_signal::{Limits, Part, experiment};
+use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{PRESSURE_PA, PRESSURE_REF_PA, Record, VALVE_OPEN};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
 use model_core::controller::Controller;
 use model_core::io::{Output, Request};
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::supervisor::{Fault, Mode};
+use muscle_plant::simulation::TOLERANCE;
 
 fn record(text: &str) -> Record {
     Record::parse("exp.csv", text.as_bytes()).expect("a record")

@@ -1,13 +1,14 @@
 //! What the cross-crate tests share: rigs that differ from the reference one in a single thing.
 
-use hil_sim::rig::{Gas, Load, Rig, Weight};
+use hil_sim::rig::Rig;
+use muscle_plant::nominal::{Gas, Load, Weight};
 
 /// The rig's weight.
 ///
 /// # Panics
 /// If the rig has none.
 pub fn weight_mut(rig: &mut Rig) -> &mut Weight {
-    match &mut rig.load {
+    match &mut rig.nominal.load {
         Load::Weight(weight) => weight,
         Load::Prescribed => panic!("the reference rig has a weight"),
     }
@@ -18,7 +19,7 @@ pub fn weight_mut(rig: &mut Rig) -> &mut Weight {
 /// # Panics
 /// If the rig has none.
 pub fn gas_mut(rig: &mut Rig) -> &mut Gas {
-    rig.gas.as_mut().expect("the reference rig has gas")
+    rig.nominal.gas.as_mut().expect("the reference rig has gas")
 }
 
 /// The reference rig with another valve.

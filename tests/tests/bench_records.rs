@@ -1,11 +1,11 @@
 //! `diagnose` on records of a bench: the muscle is clamped, its pressure is the input, and the
 //! force is measured. The truth here is written out by hand.
 
-use hil_sim::diagnose::choice::Verdict;
-use hil_sim::diagnose::{Diagnosis, diagnose};
-use hil_sim::effects::CATALOGUE;
+use hil_sim::identify::diagnosis::{Diagnosis, diagnose};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
+use model_discrepancy::choice::Verdict;
+use muscle_plant::effects::Catalogue;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
@@ -121,7 +121,9 @@ fn diagnosed_as(bench: Bench, run: Run, sigma: f64, seen: fn(Record) -> Record) 
         "line-dynamics",
         "pressure-sensor-offset",
     ];
-    let names = CATALOGUE.iter().map(|kind| kind.name.to_owned());
+    let names = Catalogue::standard()
+        .kinds()
+        .map(|kind| kind.name.to_owned());
     let without: Vec<String> = names.filter(|name| !FEW.contains(&name.as_str())).collect();
     let at = |(seed, contraction): (u64, f64)| {
         let run = Run {

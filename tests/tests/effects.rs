@@ -1,13 +1,14 @@
 //! Each effect changes its block as its equation says, and nothing else.
 
-use hil_sim::effects::{CATALOGUE, EffectKind, Form};
-use hil_sim::plant::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
-use hil_sim::plant::sensors::{Reading, SensorPoint};
-use hil_sim::plant::{Plant, Simulated};
+use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
-use hil_sim::rig::{Effect, Rig};
-use hil_sim::simulate::simulate;
+use hil_sim::rig::{Rig, effect_toml};
 use model_core::pressure::GaugePa;
+use muscle_plant::effects::Effect;
+use muscle_plant::effects::{Catalogue, EffectKind, Form};
+use muscle_plant::simulation::Simulated;
+use muscle_plant::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
+use muscle_plant::subsystem::sensors::{Reading, SensorPoint};
 
 const TOLERANCE: f64 = 1e-9;
 const STEP_S: f64 = 0.01;
@@ -227,7 +228,7 @@ fn dead_band_takes_the_threshold_off_the_pressure() {
         simulated(&rig("", &[CLAMPED]), &record, PRESSURE_PA)
     );
     let force_n = simulated(&dead, &record, FORCE_N);
-    let law = |pressure_pa: &f64| dead.muscle.force_n(0.1, GaugePa(pressure_pa - 2e4));
+    let law = |pressure_pa: &f64| dead.nominal.muscle.force_n(0.1, GaugePa(pressure_pa - 2e4));
     let expected_n: Vec<f64> = pressure_pa.iter().map(law).collect();
     assert!(apart(&force_n, &expected_n) < 1e-9);
 }
@@ -499,7 +500,7 @@ fn bouc_wen_and_duhem_follow_their_closed_forms() {
 fn a_weight_at_rest_stays_there_with_hysteresis() {
     for effect in hystereses() {
         let held = rig(&effect, &[]);
-        let muscle = held.muscle;
+        let muscle = held.nominal.muscle;
         let weight_n = 12.0 * 9.80665;
         // The pressure that holds the weight with 10 N of help, more than friction has.
         let holding_pa = (weight_n + 10.0 - muscle.gamma_n) / muscle.force_per_pressure_m2(0.1);
@@ -518,7 +519,7 @@ fn a_weight_at_rest_stays_there_with_hysteresis() {
 
 /// How much less the braid makes of a pressure at a contraction of 0.1 than without one.
 fn braid() -> f64 {
-    let muscle = rig("", &[]).muscle;
+    let muscle = rig("", &[]).nominal.muscle;
     muscle.force_per_pressure_m2(0.1) / muscle.force_per_pressure_m2(0.0)
 }
 
@@ -604,7 +605,7 @@ fn logarithmic_creep_drifts_by_the_same_in_each_decade() {
 #[test]
 fn static_terms_of_the_force_are_their_formulas() {
     let record = bench(STEP_S, 101, through([(0.0, 0.0), (1.0, 0.25)]), |t| 2e5 * t);
-    let law = rig("", &[]).muscle;
+    let law = rig("", &[]).nominal.muscle;
     let check = |effect: String, expected_n: &dyn Fn(f64, f64) -> f64| {
         let added = added_n(&effect, &record);
         for (row, added) in added.iter().enumerate() {
@@ -1022,7 +1023,7 @@ fn port_and_muscle(effect: &str) -> (Vec<f64>, Vec<f64>) {
     let hose = rig(effect, &[CLAMPED]);
     let port_pa = simulated(&hose, &record, PRESSURE_PA);
     let force_n = simulated(&hose, &record, FORCE_N);
-    let muscle = hose.muscle;
+    let muscle = hose.nominal.muscle;
     let pressure = |n: &f64| (n - muscle.gamma_n) / muscle.force_per_pressure_m2(0.1);
     (port_pa, force_n.iter().map(pressure).collect())
 }
@@ -1126,9 +1127,12 @@ fn a_turbulent_tube_damps_what_swings_far() {
 /// volume at the port or, without one, K_G (P_r − P_port) = C (P_port − P).
 fn hose_solved(volume_m3: Option<f64>, hose_kg_per_pa_s: f64) -> (Vec<f64>, Vec<f64>) {
     let rig = rig("", &[CLAMPED]);
-    let (gas, valve) = (rig.gas.expect("gas"), rig.valve.expect("a valve"));
+    let (gas, valve) = (
+        rig.nominal.gas.expect("gas"),
+        rig.nominal.valve.expect("a valve"),
+    );
     let muscle_m3 = rig.require_volume().expect("a volume").volume_m3(0.1);
-    let length_m = 0.9 * rig.muscle.initial_length_m;
+    let length_m = 0.9 * rig.nominal.muscle.initial_length_m;
     let wall_m2 = 2.0 * (std::f64::consts::PI * muscle_m3 * length_m).sqrt();
     let air_pa = gas.atmospheric_pressure.0;
     let per_kg = GAS_CONSTANT_J_PER_KG_K;
@@ -1233,10 +1237,10 @@ fn a_conductance_fills_the_muscle_from_a_measured_pressure() {
     );
     let force_n = simulated(&rig(&hose, &[CLAMPED]), &record, FORCE_N);
     let rig = rig("", &[CLAMPED]);
-    let per_pressure_m2 = rig.muscle.force_per_pressure_m2(0.1);
+    let per_pressure_m2 = rig.nominal.muscle.force_per_pressure_m2(0.1);
     let found_pa: Vec<f64> = force_n
         .iter()
-        .map(|n| (n - rig.muscle.gamma_n) / per_pressure_m2)
+        .map(|n| (n - rig.nominal.muscle.gamma_n) / per_pressure_m2)
         .collect();
     let volume_m3 = rig.require_volume().expect("a volume").volume_m3(0.1);
     let follows_s = volume_m3 / (HEAT_RATIO * GAS_CONSTANT_J_PER_KG_K * 293.0 * 1e-7);
@@ -1260,7 +1264,7 @@ fn a_resistance_lags_the_force_behind_a_measured_pressure() {
     );
     let added = added_n(&resistance, &record);
     let behind_pa = 2e5 * 0.02;
-    let expected_n = -rig("", &[]).muscle.force_per_pressure_m2(0.1) * behind_pa;
+    let expected_n = -rig("", &[]).nominal.muscle.force_per_pressure_m2(0.1) * behind_pa;
     assert_near(added[100], 0.0, 1e-9, "before the ramp");
     assert_near(added[200], expected_n, 1e-4, "on the ramp");
 }
@@ -1364,7 +1368,7 @@ fn a_supply_behind_an_orifice_droops_by_what_is_drawn() {
 fn quadratic_pressure_gain_bends_and_is_taken_off() {
     let parameters = [("gain_error", 0.03), ("nonlinearity", 0.02)];
     let effect = effect("pressure-sensor-gain", "quadratic", &parameters);
-    let sensors = Plant::new(&rig(&effect, &[CLAMPED]), Simulated::GAS_ONLY);
+    let sensors = rig(&effect, &[CLAMPED]).plant(Simulated::GAS_ONLY);
     let sensors = sensors.expect("a plant").sensors;
     for (truth_pa, read_pa) in [(1e5, 1e5 * (1.03 + 0.02 / 3.0)), (3e5, 3.15e5)] {
         let truth = Reading {
@@ -1471,7 +1475,7 @@ fn sensors_read_and_inputs_are_read_back() {
 
 fn every_form() -> impl Iterator<Item = (&'static EffectKind, &'static Form)> {
     let forms = |kind: &'static EffectKind| kind.forms.iter().map(move |form| (kind, form));
-    CATALOGUE.iter().flat_map(forms)
+    Catalogue::standard().kinds().flat_map(forms)
 }
 
 fn usual(kind: &'static EffectKind, form: &'static Form) -> Effect {
@@ -1504,9 +1508,9 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
     let named = blocks
         .iter()
         .flat_map(|(block, names)| names.split_whitespace().map(move |name| (name, *block)));
-    let found: Vec<_> = CATALOGUE
-        .iter()
-        .map(|kind| (kind.name, kind.block))
+    let found: Vec<_> = Catalogue::standard()
+        .kinds()
+        .map(|kind| (kind.name, kind.place))
         .collect();
     assert_eq!(found, named.collect::<Vec<_>>());
     for (kind, form) in every_form() {
@@ -1558,7 +1562,7 @@ fn every_form_is_written_and_read_back() {
         for value in &mut effect.values {
             *value *= 1.0 - 1e-15;
         }
-        let read = rig(&effect.to_toml(), &[]).effects;
+        let read = rig(&effect_toml(&effect), &[]).effects;
         assert_eq!(read.len(), 1);
         assert_eq!(
             (read[0].kind.name, read[0].form.name),
@@ -1596,7 +1600,7 @@ fn every_form_leaves_its_mark_and_none_at_its_neutral_values() {
     for (kind, form) in every_form() {
         let what = format!("{} {}", kind.name, form.name);
         let mut effect = usual(kind, form);
-        let changed = apart(&runs(&effect.to_toml(), TOLERANCE), &nominal);
+        let changed = apart(&runs(&effect_toml(&effect), TOLERANCE), &nominal);
         assert!(changed > 9e-4, "{what}: {changed}");
         let parameters = form.parameters.iter();
         let mut neutral = false;
@@ -1605,7 +1609,7 @@ fn every_form_leaves_its_mark_and_none_at_its_neutral_values() {
             neutral |= parameter.neutral.is_some();
         }
         if neutral {
-            let left = apart(&runs(&effect.to_toml(), TOLERANCE), &nominal);
+            let left = apart(&runs(&effect_toml(&effect), TOLERANCE), &nominal);
             assert!(left < 1e-6, "{what}: {left}");
         } else {
             assert!(
@@ -1623,7 +1627,7 @@ const LIMIT: f64 = 3e-4;
 #[test]
 fn every_form_converges_with_the_tolerance() {
     for (kind, form) in every_form() {
-        let effect = usual(kind, form).to_toml();
+        let effect = effect_toml(&usual(kind, form));
         let apart = apart(&runs(&effect, 1e-6), &runs(&effect, 1e-9));
         println!("{:22} {:18} {apart:.1e}", kind.name, form.name);
         assert!(apart < LIMIT, "{} {}: {apart}", kind.name, form.name);
@@ -1640,7 +1644,8 @@ fn no_form_panics_at_the_ends_of_its_parameters() {
                 let mut effect = usual(kind, form);
                 effect.values[i] = value;
                 for changes in [&[][..], &[CLAMPED]] {
-                    let Ok(simulated) = simulate(&rig(&effect.to_toml(), changes), &record, 1e-4)
+                    let Ok(simulated) =
+                        simulate(&rig(&effect_toml(&effect), changes), &record, 1e-4)
                     else {
                         continue;
                     };
@@ -1648,7 +1653,7 @@ fn no_form_panics_at_the_ends_of_its_parameters() {
                     assert!(
                         force_n.iter().all(|n| n.is_finite()),
                         "{}",
-                        effect.to_toml()
+                        effect_toml(&effect)
                     );
                 }
             }

@@ -5,16 +5,16 @@
 
 use hil_sim::design::{self, Linearisation};
 use hil_sim::paper::{VALVE_A_FLOW_GAIN_KG_PER_PA_S, VALVE_B_FLOW_GAIN_KG_PER_PA_S};
-use hil_sim::plant::gas::HEAT_RATIO;
-use hil_sim::plant::load::GRAVITY_M_PER_S2;
-use hil_sim::plant::simulation::{Initial, Simulation};
-use hil_sim::plant::{Drive, PRESSURE, Plant, Simulated};
 use hil_sim::rig::Rig;
 use integration_tests::{adiabatic, weight_mut, with_flow_gain};
 use model_core::assist::{Assist, reference_force_n};
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues, TICK_S};
+use muscle_plant::simulation::{Drive, PRESSURE, Simulated};
+use muscle_plant::simulation::{Initial, Simulation};
+use muscle_plant::subsystem::gas::HEAT_RATIO;
+use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use nalgebra::{Complex, Matrix4, Vector4};
 use std::f64::consts::PI;
 
@@ -28,7 +28,7 @@ const MASS_KG: f64 = 12.0;
 const LENGTH_M: f64 = 0.3;
 
 fn begin(rig: &Rig, what: Simulated, contraction: f64, pressure: GaugePa<f64>) -> Simulation {
-    let plant = Plant::new(rig, what).expect("a complete rig");
+    let plant = rig.plant(what).expect("a complete rig");
     let initial = Initial {
         time_s: 0.0,
         contraction,
@@ -55,9 +55,9 @@ fn vented_muscle_does_not_pull() {
     let rig = Rig::reference();
     let simulation = begin(&rig, Simulated::LOAD_ONLY, 0.0, GaugePa(0.0));
     // Rounding of (α + β)·101 325 Pa.
-    assert!((simulation.force_n() - rig.muscle.gamma_n).abs() < 1e-9);
+    assert!((simulation.force_n() - rig.nominal.muscle.gamma_n).abs() < 1e-9);
     // With P absolute, air at rest would pull half the weight up.
-    let printed_n = rig.muscle.force_n(0.0, GaugePa(ATMOSPHERIC_PA));
+    let printed_n = rig.nominal.muscle.force_n(0.0, GaugePa(ATMOSPHERIC_PA));
     assert!(printed_n > 50.0, "{printed_n}");
     // And Fig 7's 400 kPa would be another equilibrium, with another natural frequency.
     let printed = linear_at(&rig, GaugePa(FIG_7.0 + ATMOSPHERIC_PA));
@@ -69,7 +69,7 @@ fn vented_muscle_does_not_pull() {
 fn closed_vented_muscle_resists_compression() {
     let rig = adiabatic(with_flow_gain(0.0));
     let mut simulation = begin(&rig, Simulated::GAS_ONLY, 0.2, GaugePa(0.0));
-    let volume = rig.volume.expect("the reference rig has a volume");
+    let volume = rig.nominal.volume.expect("the reference rig has a volume");
     let before_m3 = volume.volume_m3(0.2);
     simulation.prescribe_contraction(0.2, -0.5);
     let drive = Drive {
@@ -197,7 +197,7 @@ fn finger_holds_a_twentieth_of_the_weight() {
 /// Eq 8: limited to 0…P_s, and taken before it is singular at 1 − ε = √(−β/α).
 #[test]
 fn reference_pressure_is_limited_where_the_print_is_singular() {
-    let muscle = Rig::reference().muscle;
+    let muscle = Rig::reference().nominal.muscle;
     let (force_n, supply) = (100.0, GaugePa(5e5));
     let printed =
         |contraction: f64| (force_n - muscle.gamma_n) / muscle.force_per_pressure_m2(contraction);

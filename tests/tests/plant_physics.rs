@@ -1,16 +1,16 @@
 //! The plant against what nobody can argue with: conservation laws and analytic solutions.
 
 use hil_sim::design;
-use hil_sim::plant::gas::{
-    GAS_CONSTANT_J_PER_KG_K, HEAT_CONSTANT_PRESSURE_J_PER_KG_K, HEAT_CONSTANT_VOLUME_J_PER_KG_K,
-    HEAT_RATIO,
-};
-use hil_sim::plant::load::{GRAVITY_M_PER_S2, Motion};
-use hil_sim::plant::simulation::{Initial, Simulation};
-use hil_sim::plant::{Drive, Plant, Simulated};
 use hil_sim::rig::Rig;
 use integration_tests::{adiabatic, gas_mut, weight_mut, with_flow_gain};
 use model_core::pressure::GaugePa;
+use muscle_plant::simulation::{Drive, Simulated};
+use muscle_plant::simulation::{Initial, Simulation};
+use muscle_plant::subsystem::gas::{
+    GAS_CONSTANT_J_PER_KG_K, HEAT_CONSTANT_PRESSURE_J_PER_KG_K, HEAT_CONSTANT_VOLUME_J_PER_KG_K,
+    HEAT_RATIO,
+};
+use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, Motion};
 use nalgebra::{Complex, Matrix4, Vector4};
 
 const TOLERANCE: f64 = 1e-9;
@@ -19,7 +19,7 @@ const CV: f64 = HEAT_CONSTANT_VOLUME_J_PER_KG_K;
 const CP: f64 = HEAT_CONSTANT_PRESSURE_J_PER_KG_K;
 
 fn begin(rig: &Rig, what: Simulated, initial: Initial, tolerance: f64) -> Simulation {
-    let plant = Plant::new(rig, what).expect("a complete rig");
+    let plant = rig.plant(what).expect("a complete rig");
     Simulation::new(plant, &initial, &Drive::default(), tolerance)
 }
 
@@ -174,8 +174,8 @@ fn closed_valve_energy_balance() {
         simulation.prescribe_contraction(0.1, rate_per_s);
         let power = |simulation: &Simulation| {
             let (absolute_pa, volume_m3, ..) = gas_of(simulation);
-            let gas = rig.gas.as_ref().expect("gas");
-            let volume = rig.volume.as_ref().expect("volume");
+            let gas = rig.nominal.gas.as_ref().expect("gas");
+            let volume = rig.nominal.volume.as_ref().expect("volume");
             let flow_kg_per_s = flow_gain * (4e5 - simulation.pressure().0);
             assert!(flow_kg_per_s >= 0.0, "charges throughout");
             let coefficient = match flow_kg_per_s > 0.0 {
@@ -257,7 +257,7 @@ fn hot_gas_cools() {
 
 /// Pressure [Pa] at which the muscle carries the reference weight and `extra_n` at a contraction.
 fn carrying(contraction: f64, extra_n: f64) -> f64 {
-    let muscle = Rig::reference().muscle;
+    let muscle = Rig::reference().nominal.muscle;
     let force_n = 12.0 * GRAVITY_M_PER_S2 + extra_n;
     (force_n - muscle.gamma_n) / muscle.force_per_pressure_m2(contraction)
 }

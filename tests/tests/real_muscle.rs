@@ -1,11 +1,11 @@
 //! `simulate` on a real muscle: the records of a 20 mm muscle on a bench, which have no licence to
 //! be kept here. `MEASURED_DATA_DIR` names the folder that holds `pam_isometric_20mm`.
 
-use hil_sim::gap::gaps;
-use hil_sim::plant::simulation::TOLERANCE;
+use hil_sim::identify::gap::gaps;
+use hil_sim::identify::simulate::{simulate, simulated as simulated_of};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::{simulate, simulated as simulated_of};
+use muscle_plant::simulation::TOLERANCE;
 use std::path::{Path, PathBuf};
 
 /// The folder of the measured sets, or a loud line.

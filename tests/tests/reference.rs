@@ -1,9 +1,10 @@
 //! `simulate` against an independent solution of the same equations (tests/reference).
 
-use hil_sim::plant::simulation::TOLERANCE;
+use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
-use hil_sim::rig::{Load, Rig};
-use hil_sim::simulate::simulate;
+use hil_sim::rig::Rig;
+use muscle_plant::nominal::Load;
+use muscle_plant::simulation::TOLERANCE;
 use std::path::Path;
 
 /// Largest difference that is allowed, relative to the range of the signal in the reference.
@@ -29,13 +30,13 @@ fn check(case: &Path) {
     let reference = Record::read(&case.join("expected.csv")).expect("a solution");
     let simulated = simulate(&rig, &drive, TOLERANCE).expect("simulated");
     let mut gaps = Vec::new();
-    if rig.valve.is_some() && drive.column("pressure_ref_pa").is_some() {
+    if rig.nominal.valve.is_some() && drive.column("pressure_ref_pa").is_some() {
         gaps.push((
             PRESSURE_PA,
             relative_gap(&reference, &simulated, PRESSURE_PA),
         ));
     }
-    if matches!(rig.load, Load::Weight(_)) {
+    if matches!(rig.nominal.load, Load::Weight(_)) {
         gaps.push((
             CONTRACTION,
             relative_gap(&reference, &simulated, CONTRACTION),

@@ -1,14 +1,15 @@
 //! The report as a person has it: in Chromium, driven over its DevTools protocol.
 
-use hil_sim::closed_loop::Experiment;
-use hil_sim::design_report::{Question, design_report};
-use hil_sim::diagnose::{Diagnosed, diagnose, report::report as diagnosis_report};
-use hil_sim::effects::CATALOGUE;
+use hil_sim::bench::closed_loop::Experiment;
+use hil_sim::design::report::{Question, design_report};
+use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
+use hil_sim::identify::report::report as diagnosis_report;
+use hil_sim::identify::simulate::simulate;
 use hil_sim::paper::paper;
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::report::{Plot, Report, Series};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
+use muscle_plant::effects::Catalogue;
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
@@ -354,7 +355,9 @@ fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
         simulated
     };
     let kept = ["leak", "payload"];
-    let names = CATALOGUE.iter().map(|kind| kind.name.to_string());
+    let names = Catalogue::standard()
+        .kinds()
+        .map(|kind| kind.name.to_string());
     let without: Vec<String> = names.filter(|name| !kept.contains(&&name[..])).collect();
     let validate = vec![record(1)];
     let diagnosed = diagnose(&nominal, &[record(0)], &validate, &without, &|_| ());

@@ -1,10 +1,10 @@
 //! Which board a command talks to.
 
 use crate::Failure;
-use hil_sim::emulated::{self, Emulated};
+use hil_sim::bench::link::{Client, LinkError, Port};
+use hil_sim::bench::port::emulated::{self, Emulated};
+use hil_sim::bench::port::serial::Serial;
 use hil_sim::error::BadInput;
-use hil_sim::link::{Client, LinkError, Port};
-use hil_sim::serial::Serial;
 use model_core::link::{Board, Identity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

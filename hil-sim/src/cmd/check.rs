@@ -1,8 +1,8 @@
 //! `hil-sim check`.
 
 use crate::Failure;
-use hil_sim::check::{Block, Check, Finding, Sampling, Signal, check};
 use hil_sim::record::Record;
+use hil_sim::record::check::{Block, Check, Finding, Sampling, Signal, check};
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::Rig;
 use serde::Serialize;

@@ -2,7 +2,7 @@
 
 use super::Common;
 use crate::Failure;
-use hil_sim::design_report::{Question, design_report};
+use hil_sim::design::report::{Question, design_report};
 
 /// The flow gain a valve must have, and how stiff the input may be
 ///

@@ -2,12 +2,13 @@
 
 use super::Progress;
 use crate::Failure;
-use hil_sim::diagnose::choice::Step;
-use hil_sim::diagnose::{diagnose, report};
 use hil_sim::error::BadInput;
+use hil_sim::identify::diagnosis::diagnose;
+use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
+use model_discrepancy::choice::Step;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
@@ -44,7 +45,9 @@ pub struct Args {
 }
 
 fn effect(name: &str) -> Result<String, String> {
-    let names = hil_sim::effects::CATALOGUE.iter().map(|kind| kind.name);
+    let names = muscle_plant::effects::Catalogue::standard()
+        .kinds()
+        .map(|kind| kind.name);
     if names.clone().any(|known| known == name) {
         return Ok(name.into());
     }

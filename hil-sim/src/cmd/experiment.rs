@@ -2,8 +2,8 @@
 
 use super::between;
 use crate::Failure;
+use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, experiment};
 use hil_sim::error::BadInput;
-use hil_sim::experiment::{CONTRACTION_MAX, Limits, Part, experiment};
 use hil_sim::output::same_file;
 use hil_sim::rig::Rig;
 use serde::Serialize;

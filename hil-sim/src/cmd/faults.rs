@@ -2,6 +2,7 @@
 
 use super::{Common, Progress, print};
 use crate::Failure;
+use hil_sim::bench::recorder::Recorder;
 use hil_sim::error::BadInput;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{Decides, KINDS, Kind};
@@ -9,7 +10,6 @@ use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::report::{Lacking, Summary, report, report_lacking};
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
-use hil_sim::recorder::Recorder;
 use model_core::safety::SafetyFunction;
 use rayon::prelude::*;
 

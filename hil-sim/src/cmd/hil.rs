@@ -3,16 +3,18 @@
 use super::Common;
 use super::board::{Connected, connect, in_words};
 use super::run::Scenario;
+use super::screen;
 use crate::Failure;
-use hil_sim::closed_loop::{TICK_S, Tick, Tracking};
-use hil_sim::hil::{self, BoardReport, Job};
+use hil_sim::bench::board_report::BoardReport;
+use hil_sim::bench::closed_loop::{TICK_S, Tick, Tracking};
+use hil_sim::bench::hil::{self, Job};
+use hil_sim::bench::recorder::Recorder;
+use hil_sim::bench::replay::{Inputs, OnPc, replay, settle, store};
+use hil_sim::bench::settings_file;
+use hil_sim::bench::view::View;
 use hil_sim::paper::{AssistRun, assist_plots, tracking_table, valves};
 use hil_sim::record::Record;
-use hil_sim::recorder::Recorder;
-use hil_sim::replay::{Inputs, OnPc, replay, settle, store};
 use hil_sim::report::{Report, Section, Table};
-use hil_sim::screen::{self, View};
-use hil_sim::settings_file;
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -222,7 +224,7 @@ fn one(
     let differing = replay(&Inputs::new(&record)?, &mut OnPc::default(), |_| {})?;
     let planned = (job.experiment.duration_s / TICK_S).round() as usize;
     let stopped = ticks.len() < planned;
-    let run = hil::assist_run(name, job, ticks)?;
+    let run = AssistRun::new(name, job.rig, job.settings, job.experiment, ticks)?;
     let summary = RunSummary {
         name: name.into(),
         tracking: run.tracking,

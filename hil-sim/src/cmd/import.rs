@@ -2,8 +2,8 @@
 
 use crate::Failure;
 use hil_sim::error::BadInput;
-use hil_sim::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::output::same_file;
+use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::report::{Report, Section, Table};
 use std::path::PathBuf;
 

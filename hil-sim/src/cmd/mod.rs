@@ -15,6 +15,7 @@ pub mod record;
 pub mod replay;
 pub mod rig;
 pub mod run;
+pub mod screen;
 pub mod settings;
 pub mod simulate;
 

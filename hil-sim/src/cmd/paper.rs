@@ -2,7 +2,7 @@
 
 use super::Common;
 use crate::Failure;
-use hil_sim::closed_loop::{Experiment, record};
+use hil_sim::bench::closed_loop::{Experiment, record};
 use hil_sim::paper::paper;
 
 /// The paper's figures and numbers, ours beside what it says

@@ -2,9 +2,9 @@
 
 use super::board::{connect, in_words};
 use crate::Failure;
-use hil_sim::mcap;
+use hil_sim::bench::replay::{Inputs, OnBoard, OnPc, Replay, replay};
 use hil_sim::record::Record;
-use hil_sim::replay::{Inputs, OnBoard, OnPc, Replay, replay};
+use hil_sim::record::mcap;
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::PathBuf;

@@ -2,7 +2,7 @@
 
 use super::{Common, Progress, between};
 use crate::Failure;
-use hil_sim::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::bench::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};

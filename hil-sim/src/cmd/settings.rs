@@ -2,8 +2,8 @@
 
 use super::board::connect;
 use crate::Failure;
+use hil_sim::bench::settings_file;
 use hil_sim::output::write_atomically;
-use hil_sim::settings_file;
 use std::path::PathBuf;
 
 /// Read a board's settings, or store others on it

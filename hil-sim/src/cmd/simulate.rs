@@ -3,12 +3,12 @@
 use super::{Progress, between};
 use crate::Failure;
 use hil_sim::error::BadInput;
-use hil_sim::gap;
+use hil_sim::identify::gap;
+use hil_sim::identify::simulate::{self, simulate_with};
 use hil_sim::output::{same_file, write_atomically};
-use hil_sim::plant::simulation::TOLERANCE;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
-use hil_sim::simulate::{self, simulate_with};
+use muscle_plant::simulation::TOLERANCE;
 use std::path::{Path, PathBuf};
 
 /// Run the plant from a record's inputs alone

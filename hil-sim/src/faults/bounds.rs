@@ -2,11 +2,12 @@
 
 use super::Case;
 use super::kind::{Decides, Inject};
-use crate::plant::gas::HEAT_RATIO;
-use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::rig::{Load, Rig};
+use crate::rig::Rig;
 use model_core::pressure::GaugePa;
 use model_core::settings::SettingsValues;
+use muscle_plant::nominal::Load;
+use muscle_plant::subsystem::gas::HEAT_RATIO;
+use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use serde::Serialize;
 
 /// What a case must stay within.
@@ -37,9 +38,10 @@ const STEP_M: f64 = 1e-4;
 pub fn flung(rig: &Rig, mass_kg: f64, pressure_pa: f64) -> (f64, f64) {
     let (mut energy_j, mut energy_j_max, mut height_m) = (0.0, 0.0_f64, 0.0);
     while energy_j >= 0.0 {
-        let contraction = height_m / rig.muscle.initial_length_m;
+        let contraction = height_m / rig.nominal.muscle.initial_length_m;
         let force_n = if contraction < 1.0 {
-            rig.muscle
+            rig.nominal
+                .muscle
                 .force_n(contraction, GaugePa(pressure_pa))
                 .max(0.0)
         } else {
@@ -61,14 +63,14 @@ pub fn fallen_m_per_s(height_m: f64) -> f64 {
 /// shut in at `pressure_pa` where the rope gets taut, is compressed without loss of heat, and
 /// takes up what the rubber and the weight give.
 pub fn caught_pa(rig: &Rig, mass_kg: f64, pressure_pa: f64, height_m: f64) -> f64 {
-    let (Some(volume), Some(gas)) = (&rig.volume, &rig.gas) else {
+    let (Some(volume), Some(gas)) = (&rig.nominal.volume, &rig.nominal.gas) else {
         return pressure_pa;
     };
-    let length_m = rig.muscle.initial_length_m;
+    let length_m = rig.nominal.muscle.initial_length_m;
     let atmospheric_pa = gas.atmospheric_pressure.0;
     let begins = (0..1000)
         .map(|step| f64::from(step) * 1e-3)
-        .find(|place| rig.muscle.force_n(*place, GaugePa(pressure_pa)) <= 0.0)
+        .find(|place| rig.nominal.muscle.force_n(*place, GaugePa(pressure_pa)) <= 0.0)
         .unwrap_or(0.0);
     let whole_m3 = volume.volume_m3(begins);
     let pressure_at = |contraction: f64| {
@@ -80,6 +82,7 @@ pub fn caught_pa(rig: &Rig, mass_kg: f64, pressure_pa: f64, height_m: f64) -> f6
     let mut energy_j = weight_n * (height_m - begins * length_m).max(0.0);
     while energy_j >= 0.0 && contraction > 0.0 {
         let force_n = rig
+            .nominal
             .muscle
             .force_n(contraction, GaugePa(pressure_at(contraction)));
         energy_j -= (force_n - weight_n) * STEP_M;
@@ -104,7 +107,7 @@ pub fn bounds(case: &Case, values: &SettingsValues) -> Bounds {
     let Decides::Physics { up, down } = case.kind.decides else {
         return bounds;
     };
-    let mass_kg = match &rig.load {
+    let mass_kg = match &rig.nominal.load {
         Load::Weight(weight) if case.kind.inject == Inject::Load => {
             weight.mass_kg * case.size.min(1.0)
         }

@@ -4,7 +4,7 @@ use super::Case;
 use super::outcome::Outcome;
 use super::run::{run, settings};
 use super::unit::OnPc;
-use crate::closed_loop::Tick;
+use crate::bench::closed_loop::Tick;
 use crate::error::BadInput;
 use model_core::safety::SafetyFunction;
 use rayon::prelude::*;

@@ -13,10 +13,11 @@ pub mod report;
 pub mod run;
 pub mod unit;
 
-use crate::closed_loop::{CHECKED_S, Finger};
-use crate::effects::CATALOGUE;
-use crate::rig::{Effect, Load, Rig};
+use crate::bench::closed_loop::{CHECKED_S, Finger};
+use crate::rig::Rig;
 use kind::{Inject, KINDS, Kind};
+use muscle_plant::effects::Effect;
+use muscle_plant::nominal::Load;
 use outcome::END_S;
 pub use plant::Hardware;
 use rand::{Rng, RngExt, SeedableRng};
@@ -160,20 +161,21 @@ fn rig(kind: &Kind, random: &mut impl Rng) -> Rig {
         *value *= 1.0 + random.random_range(-relative..relative);
     };
     // A muscle from the shelf: its force within 2 %, the valve's gain within 20 %.
-    within(&mut rig.muscle.alpha_m2, 0.01);
-    within(&mut rig.muscle.gamma_n, 0.02);
-    if let Load::Weight(weight) = &mut rig.load {
+    within(&mut rig.nominal.muscle.alpha_m2, 0.01);
+    within(&mut rig.nominal.muscle.gamma_n, 0.02);
+    if let Load::Weight(weight) = &mut rig.nominal.load {
         within(&mut weight.mass_kg, 0.02);
         within(&mut weight.viscous_damping_ns_per_m, 0.3);
         within(&mut weight.coulomb_friction_n, 0.3);
         weight.static_friction_n = 1.6 * weight.coulomb_friction_n;
     }
-    if let Some(valve) = &mut rig.valve {
+    if let Some(valve) = &mut rig.nominal.valve {
         within(&mut valve.flow_gain_kg_per_pa_s, 0.2);
     }
     // A rope does not push.
+    let catalogue = rig.catalogue.clone();
     let mut add = |name: &str, form: Option<usize>| {
-        let kinds = CATALOGUE.iter().filter(|kind| kind.name == name);
+        let kinds = catalogue.kinds().filter(|kind| kind.name == name);
         rig.effects.extend(kinds.map(|kind| {
             let form = &kind.forms[form.unwrap_or(0)];
             let values = form.parameters.iter().map(|p| p.usual).collect();
@@ -181,7 +183,8 @@ fn rig(kind: &Kind, random: &mut impl Rng) -> Rig {
         }));
     };
     if kind.inject == Inject::Healthy {
-        let effect = &CATALOGUE[random.random_range(0..CATALOGUE.len())];
+        let kinds: Vec<_> = catalogue.kinds().collect();
+        let effect = kinds[random.random_range(0..kinds.len())];
         add(
             effect.name,
             Some(random.random_range(0..effect.forms.len())),

@@ -4,11 +4,11 @@ use super::bounds::Bounds;
 use super::kind::{Inject, Latched};
 use super::unit::Told;
 use super::{AFTER_S, Case, Moment};
-use crate::plant::load::GRAVITY_M_PER_S2;
-use crate::plant::simulation::Simulation;
-use crate::rig::Load;
 use model_core::settings::STOP_CONTRACTION;
 use model_core::supervisor::{Fault, Mode};
+use muscle_plant::nominal::Load;
+use muscle_plant::simulation::Simulation;
+use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use serde::{Serialize, Serializer};
 
 /// Stretch at the end over which the weight must be at rest \[s\].
@@ -78,7 +78,7 @@ fn maybe_in_words<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result
 
 /// The valve obeys, and friction does not hold up what is left of the load.
 fn can_be_let_down(case: &Case) -> bool {
-    match (case.kind.inject, &case.rig.load) {
+    match (case.kind.inject, &case.rig.nominal.load) {
         (Inject::Valve | Inject::Dac, _) => false,
         (Inject::Load, Load::Weight(weight)) => {
             let left_n = case.size * weight.mass_kg * GRAVITY_M_PER_S2;
@@ -144,7 +144,7 @@ impl Watch<'_> {
     }
 
     fn height_m(&self, simulation: &Simulation) -> f64 {
-        simulation.contraction() * self.case.rig.muscle.initial_length_m
+        simulation.contraction() * self.case.rig.nominal.muscle.initial_length_m
     }
 
     pub(super) fn look(&mut self, time_s: f64, simulation: &Simulation) {
@@ -153,7 +153,7 @@ impl Watch<'_> {
         }
         let (height_m, ends_s) = (self.height_m(simulation), self.ends_s());
         let speed_m_per_s =
-            simulation.contraction_rate_per_s() * self.case.rig.muscle.initial_length_m;
+            simulation.contraction_rate_per_s() * self.case.rig.nominal.muscle.initial_length_m;
         let outcome = &mut self.outcome;
         let most = |worst: &mut f64, value: f64| *worst = worst.max(value);
         most(&mut outcome.pressure_pa_max, simulation.pressure().0);
@@ -222,7 +222,7 @@ impl Watch<'_> {
             Mode::Assisting | Mode::Holding | Mode::Playing
         );
         let ended = !in_use || self.must_latch().is_some();
-        let stop_m = f64::from(STOP_CONTRACTION) * case.rig.muscle.initial_length_m;
+        let stop_m = f64::from(STOP_CONTRACTION) * case.rig.nominal.muscle.initial_length_m;
         let barred = match case.moment {
             Moment::Start => case.kind.bars_start,
             _ => self.must_latch().is_some(),

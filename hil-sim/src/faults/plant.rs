@@ -1,13 +1,13 @@
 //! Faults of the plant, and the hardware that would bound them, as terms that begin at a time.
 
-use crate::plant::Term;
-use crate::plant::gas::{Exchange, GasPoint, GasTerm};
-use crate::plant::load::{GRAVITY_M_PER_S2, LoadPoint, LoadTerm};
-use crate::plant::supply::{SupplyPoint, SupplyTerm};
-use crate::plant::term::Dynamics;
-use crate::plant::valve::{ValvePoint, ValveTerm};
-use crate::rig::Weight;
 use model_core::pressure::GaugePa;
+use muscle_plant::nominal::Weight;
+use muscle_plant::subsystem::Term;
+use muscle_plant::subsystem::gas::{Exchange, GasPoint, GasTerm};
+use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, LoadPoint, LoadTerm};
+use muscle_plant::subsystem::supply::{SupplyPoint, SupplyTerm};
+use muscle_plant::subsystem::term::Dynamics;
+use muscle_plant::subsystem::valve::{ValvePoint, ValveTerm};
 
 /// What the valve does with what it is told, from `begins_s` on.
 pub(super) struct BrokenValve {

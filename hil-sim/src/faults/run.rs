@@ -7,10 +7,8 @@ use super::outcome::{Outcome, Watch};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Stored, Told, Unit, frame};
 use super::{ASKS_S, Case, Moment};
-use crate::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
+use crate::bench::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
 use crate::error::BadInput;
-use crate::plant::simulation::{Initial, Simulation};
-use crate::plant::{Drive, Plant, Simulated, Term};
 use crate::rig::Rig;
 use model_core::device::{Command, Pins};
 use model_core::io::{Request, Sensors};
@@ -19,6 +17,9 @@ use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{COUNT_MAX, DacCount};
 use model_core::supervisor::Mode;
+use muscle_plant::simulation::{Drive, Plant, Simulated};
+use muscle_plant::simulation::{Initial, Simulation};
+use muscle_plant::subsystem::Term;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -38,7 +39,7 @@ const SLAM_S: f64 = 0.03;
 
 /// The plant of a case, its faults and hardware in it.
 fn plant(case: &Case) -> Result<Plant, BadInput> {
-    let mut plant = Plant::new(&case.rig, Simulated::WHOLE)?;
+    let mut plant = case.rig.plant(Simulated::WHOLE)?;
     let valve = case.rig.require_valve()?;
     let (begins_s, size) = (case.fault_s, case.size);
     let locks = case.hardware == Hardware::CheckValve;
@@ -168,7 +169,7 @@ impl<'a> Scene<'a> {
             values,
             hand: Hand {
                 assist: *case.rig.require_assist()?,
-                initial_length_m: case.rig.muscle.initial_length_m,
+                initial_length_m: case.rig.nominal.muscle.initial_length_m,
                 arm_stiffness_n_per_m: case.arm_stiffness_n_per_m,
             },
             simulation: Simulation::new(plant, &initial, &drive, tolerance),
@@ -318,7 +319,7 @@ impl<'a> Scene<'a> {
 
     fn advance(&mut self, until_s: f64) -> Result<(), BadInput> {
         let advanced = self.simulation.advance(&self.drive, until_s);
-        advanced.map_err(|error| error.of(&self.case.rig))?;
+        advanced.map_err(|error| self.case.rig.unsolvable(error))?;
         self.watch.look(until_s, &self.simulation);
         Ok(())
     }

@@ -7,7 +7,7 @@ mod wander;
 
 pub use wander::wander;
 
-use hil_sim::link::{Port, PortError};
+use hil_sim::bench::link::{Port, PortError};
 use model_core::device::{Command, Device, Pins};
 use model_core::io::{Request, Sensors};
 use model_core::link::{

@@ -1,6 +1,6 @@
 //! Random use for hours, and what must not come of it; the emulated board's tests include this too.
 
-use hil_sim::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Ticker};
+use hil_sim::bench::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Ticker};
 use hil_sim::error::BadInput;
 use hil_sim::rig::Rig;
 use model_core::io::{Output, Request, Sensors};

@@ -3,10 +3,10 @@
 //! `cargo bench --bench diagnosis` writes target/benchmark/diagnosis.json; `-- --quick` repeats
 //! less and leaves out the longest records. It names effects, which no peer does.
 
-use hil_sim::diagnose::{Diagnosis, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosis, diagnose};
+use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
-use hil_sim::simulate::simulate;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;

@@ -2,7 +2,7 @@
 //! programs run these, and tests/tests/fuzz_seeds.rs on the seeds that are kept.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use hil_sim::emulated::answer;
+use hil_sim::bench::port::emulated::answer;
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
 use model_core::device::{Device, Pins, Tick};
@@ -133,7 +133,7 @@ pub fn record(bytes: &[u8]) {
 
 /// The same as MCAP.
 pub fn mcap(bytes: &[u8]) {
-    if let Err(bad) = hil_sim::mcap::parse("record.mcap", bytes) {
+    if let Err(bad) = hil_sim::record::mcap::parse("record.mcap", bytes) {
         assert_eq!(bad.to_string().lines().count(), 1);
     }
 }

@@ -4,11 +4,11 @@
 //! as the muscle's does not hold here.
 
 use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
-use hil_sim::diagnose::choice::choose;
-use hil_sim::diagnose::engine::{Active, Candidate, Coordinate, Engine, Model};
-use hil_sim::diagnose::least_squares::Residuals;
 use hil_sim::error::BadInput;
 use hil_sim::record::{FORCE_N, PRESSURE_PA, Record};
+use model_discrepancy::choice::choose;
+use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
+use model_discrepancy::least_squares::Residuals;
 use std::path::Path;
 use std::time::Instant;
 

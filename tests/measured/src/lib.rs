@@ -10,9 +10,9 @@ pub mod muscle;
 pub mod report;
 pub mod tanks;
 
-use hil_sim::diagnose::choice::{Choice, Verdict};
-use hil_sim::diagnose::engine::{Candidate, Model, Parameter};
 use hil_sim::report::Plot;
+use model_discrepancy::choice::{Choice, Verdict};
+use model_discrepancy::engine::{Candidate, Model, Parameter};
 use serde::Serialize;
 use std::path::Path;
 
@@ -138,7 +138,7 @@ fn set_of(folder: &Path, set: &str) -> Option<std::path::PathBuf> {
 
 /// What a fit leaves over held-out records, root mean square, where one noise is the unit of all
 /// residuals.
-fn held_out<M: Model>(model: &M, fit: &hil_sim::diagnose::engine::Fit, noise: f64) -> f64 {
+fn held_out<M: Model>(model: &M, fit: &model_discrepancy::engine::Fit, noise: f64) -> f64 {
     let records = model.fitted()..model.records();
     let residuals = records.flat_map(|record| {
         let blocks = 0..model.blocks().len();

@@ -1,12 +1,12 @@
 //! Pneumatic muscles on a bench, and what resembles them.
 
 use crate::{Found, Outcome, set_of, word};
-use hil_sim::diagnose::{Diagnosed, diagnose};
-use hil_sim::effects::CATALOGUE;
 use hil_sim::error::BadInput;
+use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
 use hil_sim::record::{FORCE_N, Record};
 use hil_sim::report::{Axis, Plot, Series};
 use hil_sim::rig::Rig;
+use muscle_plant::effects::Catalogue;
 use std::path::Path;
 use std::time::Instant;
 
@@ -189,7 +189,10 @@ impl Set {
             self.records(folder, self.fit)?,
             self.records(folder, self.validate)?,
         );
-        let everything: Vec<String> = CATALOGUE.iter().map(|kind| kind.name.into()).collect();
+        let everything: Vec<String> = Catalogue::standard()
+            .kinds()
+            .map(|kind| kind.name.into())
+            .collect();
         let run = |without: &[String]| diagnose(&rig, &fit, &validate, without, &|_| ());
         let full = run(&[])?;
         let spent_s = begin.elapsed().as_secs_f64();
@@ -246,7 +249,7 @@ fn significant(value: f64) -> String {
 }
 
 fn found(diagnosed: &Diagnosed) -> Vec<Found> {
-    let of = |named: &hil_sim::diagnose::Named| {
+    let of = |named: &hil_sim::identify::diagnosis::Named| {
         let sizes = named.parameters.iter().map(|(name, estimate)| {
             let ends = [estimate.value, estimate.ci95[0], estimate.ci95[1]];
             let [value, least, most] = ends.map(significant);
@@ -296,7 +299,7 @@ pub fn all(folder: &Path) -> Vec<Outcome> {
         let Some(folder) = set_of(folder, set) else {
             continue;
         };
-        let refusal = |record: Record| hil_sim::check::check(&record).refuse(&record);
+        let refusal = |record: Record| hil_sim::record::check::check(&record).refuse(&record);
         let read = Record::read(&folder.join(format!("{file}.csv")));
         let why = match read.and_then(refusal) {
             Ok(()) => "Fit for a diagnosis, but of nothing: no pressure moves.".into(),

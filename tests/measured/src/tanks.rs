@@ -5,11 +5,11 @@
 //! record, the first half is fitted, the second predicted by the same run from its begin.
 
 use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
-use hil_sim::diagnose::choice::choose;
-use hil_sim::diagnose::engine::{Active, Candidate, Coordinate, Engine, Model};
-use hil_sim::diagnose::least_squares::Residuals;
 use hil_sim::error::BadInput;
 use hil_sim::record::Record;
+use model_discrepancy::choice::choose;
+use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
+use model_discrepancy::least_squares::Residuals;
 use std::path::Path;
 use std::time::Instant;
 

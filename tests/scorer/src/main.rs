@@ -4,7 +4,7 @@
 //! not be.
 
 use clap::{Args, Parser, Subcommand};
-use hil_sim::experiment::Part;
+use hil_sim::bench::test_signal::Part;
 use hil_sim::output::write_atomically;
 use hil_sim::report::Report;
 use scorer::answer::Kind;

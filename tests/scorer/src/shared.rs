@@ -180,9 +180,9 @@ mod tests {
 
     #[test]
     fn the_tool_takes_the_names() {
-        let reference = include_str!("../../../hil-sim/src/reference_rig.toml");
+        let reference = include_str!("../../../hil-sim/src/rig/reference_rig.toml");
         for shared in &SHARED {
-            let kind = hil_sim::effects::find(shared.effect);
+            let kind = muscle_plant::effects::Catalogue::standard().find(shared.effect);
             let form = kind.and_then(|kind| kind.form(shared.form));
             let form = form.unwrap_or_else(|| panic!("{} {}", shared.effect, shared.form));
             for (name, _) in (shared.values)(&|_| 0.5) {

@@ -6,8 +6,8 @@ use diffsol::{
     NalgebraLU, NalgebraMat, NalgebraVec, OdeBuilder, OdeEquations, OdeSolverMethod,
     OdeSolverProblem, OdeSolverStopReason,
 };
-use hil_sim::plant::load::Motion;
-use hil_sim::plant::{CONTRACTION, CONTRACTION_RATE, Drive, Plant, Regime};
+use muscle_plant::simulation::{CONTRACTION, CONTRACTION_RATE, Drive, Plant, Regime};
+use muscle_plant::subsystem::load::Motion;
 use std::cell::Cell;
 
 type Matrix = NalgebraMat<f64>;

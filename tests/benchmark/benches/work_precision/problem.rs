@@ -1,10 +1,10 @@
 //! A reference case as a problem for a solver: the plant, held references, the solution at rows.
 
-use hil_sim::plant::simulation::{Initial, Simulation};
-use hil_sim::plant::{Drive, Plant, Simulated};
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
 use model_core::pressure::GaugePa;
+use muscle_plant::simulation::{Drive, Plant, Simulated};
+use muscle_plant::simulation::{Initial, Simulation};
 use std::path::{Path, PathBuf};
 
 /// Ranges that tolerances are relative to: ε, ε̇ \[1/s\], P \[Pa\], θ \[K\].
@@ -52,7 +52,7 @@ impl Problem {
 
     pub fn plant(&self) -> Plant {
         let whole = Simulated::WHOLE;
-        Plant::new(&self.rig, whole).expect("a complete rig")
+        self.rig.plant(whole).expect("a complete rig")
     }
 
     pub fn flow_gain_kg_per_pa_s(&self) -> f64 {

@@ -5,7 +5,7 @@
 mod wander;
 
 use crate::rig::{MS, Rig, TICK_NS};
-use hil_sim::closed_loop::{self, Experiment};
+use hil_sim::bench::closed_loop::{self, Experiment};
 use hil_sim::rig::Rig as PlantRig;
 use model_core::controller::Controller;
 use model_core::io::{Output, Sensors};

@@ -1,0 +1,480 @@
+//! Finds where simulation and measurement disagree, and which effect is missing.
+//!
+//! [`engine`] fits and predicts, [`choice`] decides, [`left`] tells where residuals live: none of
+//! them knows a muscle. [`muscle`] is the rig as they see it. Here it becomes a diagnosis.
+
+use super::muscle::{Calibrated, MuscleModel};
+use crate::error::BadInput;
+use crate::identify::gap;
+use crate::identify::simulate::{above_vacuum, simulate, simulated};
+use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::Rig;
+use model_core::pressure::GaugePa;
+use model_discrepancy::choice::{Choice, SHARE, Step, TOO_FAR, Verdict, Watch, choose};
+use model_discrepancy::engine::{Active, Engine, Hypothesis, Model, Part, Tally};
+use model_discrepancy::left::{Profile, profiles, when};
+use muscle_plant::nominal::Gas;
+use muscle_plant::simulation::TOLERANCE;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// A parameter of a named effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct Estimate {
+    /// Its value, in `unit`.
+    pub value: f64,
+    /// Its 95 % confidence interval.
+    pub ci95: [f64; 2],
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+/// Why an effect is named.
+#[derive(Clone, Debug, Serialize)]
+pub struct Evidence {
+    /// Half the sum of squared residuals, in units of their noise, over all records: with it.
+    pub cost: f64,
+    /// The same without it, the rest fitted anew.
+    pub cost_without: f64,
+    /// The mark that it leaves.
+    pub mark: &'static str,
+    /// Where its equations come from.
+    pub source: &'static str,
+}
+
+/// A named effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct Named {
+    /// Its name.
+    pub name: &'static str,
+    /// The form of its equations.
+    pub form: &'static str,
+    /// Where it is.
+    #[serde(rename = "where")]
+    pub place: &'static str,
+    /// Its parameters.
+    pub parameters: BTreeMap<&'static str, Estimate>,
+    /// Effects that the data cannot tell from it.
+    pub alternatives: Vec<&'static str>,
+    /// Why it is named.
+    pub evidence: Evidence,
+}
+
+/// How far free runs are from the validation records, root mean square, in the column's unit.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct GapOf {
+    /// With the nominal rig.
+    pub before: f64,
+    /// With the fitted rig.
+    pub after: f64,
+    /// The sensor's noise.
+    pub noise: f64,
+}
+
+/// What no effect explains.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Remaining {
+    /// In which equations.
+    #[serde(rename = "where")]
+    pub places: Vec<&'static str>,
+    /// When: at which direction, pressure, rate, time.
+    pub when: String,
+}
+
+/// A set of effects that was tried.
+#[derive(Clone, Debug, Serialize)]
+pub struct Tried {
+    /// The effects, each with its form.
+    pub effects: Vec<String>,
+    /// Cost over what was fitted, and over what was predicted.
+    pub cost: [f64; 2],
+}
+
+/// A block, before and after.
+#[derive(Clone, Debug, Serialize)]
+pub struct BlockOf {
+    /// Its name.
+    pub block: &'static str,
+    /// Mean square of its residuals in units of their noise with the nominal rig, calibrated.
+    pub before: f64,
+    /// With what is named.
+    pub after: f64,
+    /// Where its residuals live, before and after.
+    pub profiles: [Vec<Profile>; 2],
+}
+
+/// A stage, and how long it took.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stage {
+    /// What was done.
+    pub stage: String,
+    /// Time it took \[s\].
+    pub spent_s: f64,
+}
+
+/// The result, as `diagnosis.json` has it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Diagnosis {
+    /// Version of the format.
+    pub schema: u32,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What is missing from the nominal model.
+    pub effects: Vec<Named>,
+    /// By signal.
+    pub gap: BTreeMap<&'static str, GapOf>,
+    /// What is left.
+    pub remaining: Remaining,
+    /// The experiment that would tell more.
+    pub next_experiment: String,
+    /// Share of what residuals have above their noise that the best set of effects explains.
+    pub share: f64,
+    /// Nominal values that were calibrated.
+    pub calibrated: Vec<Calibrated>,
+    /// Block by block.
+    pub blocks: Vec<BlockOf>,
+    /// What was tried, best first.
+    pub tried: Vec<Tried>,
+    /// What the records lack.
+    pub warnings: Vec<String>,
+    /// Where the time went.
+    pub stages: Vec<Stage>,
+}
+
+/// A diagnosis with what belongs to it.
+pub struct Diagnosed {
+    /// The result.
+    pub diagnosis: Diagnosis,
+    /// The rig with calibrated values and named effects.
+    pub fitted: Rig,
+    /// Each validation record as simulated with the nominal and with the fitted rig.
+    pub free_runs: Vec<[Record; 2]>,
+}
+
+/// Sets of effects that are listed in the result.
+const LISTED: usize = 25;
+/// A nominal value that had to move by more than this many standard deviations is not what it was
+/// said to be.
+const FAR: f64 = 4.0;
+
+/// Keeps the time.
+struct Clock {
+    begin: Instant,
+    stages: Vec<Stage>,
+}
+
+impl Clock {
+    fn lap(&mut self, stage: &str) {
+        let spent_s = self.begin.elapsed().as_secs_f64();
+        self.stages.push(Stage {
+            stage: stage.into(),
+            spent_s,
+        });
+        self.begin = Instant::now();
+    }
+}
+
+/// `records` as they drive `rig`: without a valve a reference drives nothing.
+///
+/// # Errors
+/// A pressure that drives it and that no gas has.
+fn driven(rig: &Rig, records: &[Record]) -> Result<Vec<Record>, BadInput> {
+    let mut records = records.to_vec();
+    let gas = rig.nominal.gas.unwrap_or(Gas::STANDARD);
+    for record in &mut records {
+        if rig.nominal.valve.is_none() {
+            record.remove(PRESSURE_REF_PA);
+        }
+        if record.column(PRESSURE_REF_PA).is_some() {
+            continue;
+        }
+        let pressures_pa = record.column(PRESSURE_PA).unwrap_or_default();
+        let present = pressures_pa
+            .iter()
+            .enumerate()
+            .filter(|(_, pa)| !pa.is_nan());
+        for (row, pa) in present {
+            above_vacuum(gas.atmospheric_pressure, record, row, GaugePa(*pa))?;
+        }
+    }
+    Ok(records)
+}
+
+/// Diagnoses `rig` from records to `fit`, judged by records to `validate`; effects named in
+/// `without` are left out of the catalogue, and `watch` is told what is being done.
+///
+/// # Errors
+/// Rig and records do not fit together, or do not suffice.
+pub fn diagnose(
+    rig: &Rig,
+    fit: &[Record],
+    validate: &[Record],
+    without: &[String],
+    watch: Watch,
+) -> Result<Diagnosed, BadInput> {
+    let mut clock = Clock {
+        begin: Instant::now(),
+        stages: Vec::new(),
+    };
+    watch(Step::Stage("data and noise", 0));
+    let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
+    let model = MuscleModel::new(rig, fit, validate, without)?;
+    clock.lap("data and noise");
+    let engine = Engine::new(&model);
+    let expected = "a rig whose plant can follow the records";
+    let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
+    clock.lap("effects");
+    watch(Step::Stage("intervals and free runs", 0));
+    let chosen = choice.taken();
+    let estimated = engine.estimated(chosen);
+    let taken = estimated.as_ref().unwrap_or(chosen);
+    let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
+    let effects = named(&engine, &choice, taken);
+    clock.lap("intervals");
+    let free_run = |record: &Record| {
+        let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
+        Ok([nominal?, fitted?])
+    };
+    let free_runs = validate
+        .par_iter()
+        .map(free_run)
+        .collect::<Result<Vec<_>, BadInput>>()?;
+    clock.lap("free runs");
+    let blocks = blocks(&model, &choice.null, taken);
+    let left = |block: &usize| model.blocks()[*block];
+    let of_left = blocks
+        .iter()
+        .enumerate()
+        .filter(|(place, _)| choice.left.contains(place));
+    let words: Vec<String> = if choice.far {
+        vec!["only values far outside their tolerances do".into()]
+    } else {
+        of_left.map(|(_, block)| when(&block.profiles[1])).collect()
+    };
+    let calibrated = model.calibrated(&taken.fit.nominal);
+    let warnings = warnings(&model, &choice, &calibrated);
+    clock.lap("report");
+    let diagnosis = Diagnosis {
+        schema: 1,
+        verdict: choice.verdict,
+        next_experiment: next_experiment(&model, &choice, &effects),
+        effects,
+        gap: gaps(&model, rig, validate, &free_runs),
+        remaining: Remaining {
+            places: choice
+                .left
+                .iter()
+                .flat_map(|block| model.places(left(block)))
+                .collect(),
+            when: words.join("; "),
+        },
+        share: choice.share,
+        calibrated,
+        blocks,
+        tried: tried(&model, &choice.tried),
+        warnings,
+        stages: clock.stages,
+    };
+    Ok(Diagnosed {
+        diagnosis,
+        fitted,
+        free_runs,
+    })
+}
+
+/// What is doubtful about records and rig, and about what was tried.
+fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> Vec<String> {
+    let mut warnings = model.warnings();
+    let blocks = model.blocks().len();
+    // Where effects explain most, one block alone may be left.
+    if choice.left.len() == blocks && blocks > 1 && choice.share < SHARE {
+        warnings.push("every equation is off: is this the rig of these records?".into());
+    }
+    for value in calibrated
+        .iter()
+        .filter(|value| value.deviation.abs() > FAR)
+    {
+        warnings.push(format!(
+            "{} is off by {:.1} of its standard deviations: is this the rig of these records?",
+            value.key, value.deviation
+        ));
+    }
+    warnings.extend(refused(model, choice));
+    warnings
+}
+
+/// Why the best set of effects is not named, if it is not for what it leaves.
+fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
+    if choice.verdict != Verdict::Unexplained || choice.best.candidates.is_empty() {
+        return Vec::new();
+    }
+    let best = &choice.best.fit;
+    let mut refused: Vec<String> = Vec::new();
+    for (own, values) in &best.effects {
+        let own = &model.candidates()[*own];
+        refused.extend(own.ended(values).map(|(parameter, value)| {
+            let (effect, form, name) = (own.effect, own.form, parameter.name);
+            let beyond = "beyond which it is another effect, or none";
+            format!("not named: {effect} ({form}) with {name} at {value:.3}, {beyond}")
+        }));
+    }
+    let nominal = model.calibrated(&best.nominal);
+    let far = nominal
+        .iter()
+        .filter(|value| value.deviation.abs() > TOO_FAR);
+    refused.extend(far.map(|Calibrated { key, deviation, .. }| {
+        format!("not named: what needs {key} {deviation:.0} of its standard deviations off")
+    }));
+    refused
+}
+
+fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> Vec<Named> {
+    let all = engine.model.candidates();
+    let intervals = engine.intervals(taken);
+    let of = |(place, (candidate, values)): (usize, &Active)| {
+        let (effect, form) = (all[*candidate].effect, all[*candidate].form);
+        let kind = engine.model.catalogue().find(effect)?;
+        let parameters = all[*candidate].parameters.iter().zip(values).enumerate();
+        let parameters = parameters.map(|(number, (parameter, value))| {
+            let known = intervals.as_ref().map(|all| all[place][number]);
+            let estimate = Estimate {
+                value: *value,
+                ci95: known.unwrap_or([parameter.range.0, parameter.range.1]),
+                unit: parameter.unit,
+            };
+            (parameter.name, estimate)
+        });
+        let kept: Vec<usize> = taken
+            .candidates
+            .iter()
+            .copied()
+            .filter(|c| c != candidate)
+            .collect();
+        let others = |h: &&Hypothesis| {
+            let keeps = |c: &usize| kept.iter().any(|kept| all[*kept].effect == all[*c].effect);
+            h.candidates.len() == kept.len() && h.candidates.iter().all(keeps)
+        };
+        let without = choice.tried.iter().find(others).unwrap_or(&choice.null);
+        Some(Named {
+            name: effect,
+            form,
+            place: kind.place,
+            parameters: parameters.collect(),
+            alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
+            evidence: Evidence {
+                cost: taken.fit.score(),
+                cost_without: without.fit.score(),
+                mark: kind.signature,
+                source: kind.form(form)?.source,
+            },
+        })
+    };
+    taken
+        .fit
+        .effects
+        .iter()
+        .enumerate()
+        .filter_map(of)
+        .collect()
+}
+
+fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
+    let name = |candidate: &usize| {
+        let candidate = &model.candidates()[*candidate];
+        format!("{} ({})", candidate.effect, candidate.form)
+    };
+    let of = |h: &Hypothesis| {
+        let predicted: f64 = h.fit.parts.iter().map(|part| part.predicted.cost).sum();
+        Tried {
+            effects: h.candidates.iter().map(name).collect(),
+            cost: [h.fit.score() - predicted, predicted],
+        }
+    };
+    tried.iter().take(LISTED).map(of).collect()
+}
+
+fn blocks(model: &MuscleModel, null: &Hypothesis, taken: &Hypothesis) -> Vec<BlockOf> {
+    // Where nothing is named, before is as after, not as it was compared.
+    let named = !taken.candidates.is_empty();
+    let null = if named { null } else { taken };
+    let mean = |h: &Hypothesis, block: usize| {
+        let part = h.fit.parts.iter().find(|part| part.block == block);
+        let Tally { outside, count, .. } = part.map(Part::total).unwrap_or_default();
+        2.0 * outside / count.max(1) as f64
+    };
+    let of = |(block, name): (usize, &&'static str)| BlockOf {
+        block: name,
+        before: mean(null, block),
+        after: mean(taken, block),
+        profiles: [null, taken].map(|h| profiles(model, h, block)),
+    };
+    model.blocks().iter().enumerate().map(of).collect()
+}
+
+fn gaps(
+    model: &MuscleModel,
+    rig: &Rig,
+    validate: &[Record],
+    free_runs: &[[Record; 2]],
+) -> BTreeMap<&'static str, GapOf> {
+    let mut sums: BTreeMap<&'static str, ([f64; 3], f64)> = BTreeMap::new();
+    let noise = model.noise();
+    let noise = &noise[noise.len() - validate.len()..];
+    for ((record, runs), noise) in validate.iter().zip(free_runs).zip(noise) {
+        let which = simulated(rig, record);
+        let [before, after] = [0, 1].map(|place| gap::gaps(record, &runs[place], which));
+        for (before, after) in before.iter().zip(&after) {
+            let (squares, samples) = sums.entry(before.signal).or_default();
+            let size = before.samples as f64;
+            let values = [before.rms, after.rms, noise.of(before.signal)];
+            for (sum, value) in squares.iter_mut().zip(values) {
+                *sum += size * value * value;
+            }
+            *samples += size;
+        }
+    }
+    let rms = |(signal, (squares, samples)): (&'static str, ([f64; 3], f64))| {
+        let [before, after, noise] = squares.map(|sum| (sum / samples).sqrt());
+        (
+            signal,
+            GapOf {
+                before,
+                after,
+                noise,
+            },
+        )
+    };
+    sums.into_iter().map(rms).collect()
+}
+
+/// The experiment that would tell what the records leave open.
+fn next_experiment(model: &MuscleModel, choice: &Choice, effects: &[Named]) -> String {
+    let told = |name: &str| model.catalogue().find(name).map(|kind| kind.test_signal);
+    if let Some(open) = effects
+        .iter()
+        .find(|effect| !effect.alternatives.is_empty())
+    {
+        let names = open.alternatives.join(", ");
+        let experiment = told(open.name).unwrap_or_default();
+        return format!("To tell {} from {names}: {experiment}", open.name);
+    }
+    if let Some(effect) = effects.first() {
+        let experiment = told(effect.name).unwrap_or_default();
+        return format!("To know {} better: {experiment}", effect.name);
+    }
+    match choice.verdict {
+        Verdict::Consistent => "None: the records ask for no effect. To be surer, record larger \
+                                and faster motions."
+            .into(),
+        _ if model.repeated() => {
+            "Hold the pressure where the gap is largest, rising and falling, at each \
+                          length twice: what comes back belongs to the rig."
+                .into()
+        }
+        _ => "Repeat one record unchanged: what comes back at the same place belongs to the rig, \
+              what does not is a disturbance. Then hold the pressure where the gap is largest."
+            .into(),
+    }
+}

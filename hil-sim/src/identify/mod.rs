@@ -1,0 +1,10 @@
+//! The muscle as a model of the estimator: simulations of records, residuals of its subsystems, and the
+//! diagnosis of what is missing.
+
+pub mod diagnosis;
+pub mod gap;
+mod initial;
+pub mod muscle;
+pub mod repeats;
+pub mod report;
+pub mod simulate;

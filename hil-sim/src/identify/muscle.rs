@@ -1,0 +1,455 @@
+//! The muscle rig as the engine sees it: its blocks on measured inputs, and their residuals.
+//!
+//! - *gas*: reference and measured contraction in, pressure simulated, against the measured one.
+//! - *force* (with a force channel): measured pressure and contraction in, against measured force.
+//! - *load*: the balance of forces on the weight. Acceleration and speed come from the measured
+//!   contraction through a smooth kernel, which takes the derivatives; where the weight stands
+//!   still, static friction may be anything up to its limit.
+
+mod along;
+mod begin;
+mod force;
+mod kernel;
+mod play;
+mod prepared;
+mod residuals;
+mod smoothed;
+mod thinned;
+
+use crate::error::BadInput;
+use crate::identify::repeats::force_repeatability_n;
+use crate::identify::simulate::simulate;
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::{Rig, Tolerance};
+use begin::{UNKNOWNS, begun_best};
+use force::{Force, Forces};
+use model_discrepancy::choice::NOISE_ONLY;
+use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use model_discrepancy::least_squares::Residuals;
+use muscle_plant::effects::{Catalogue, Effect};
+use muscle_plant::nominal::Load;
+pub use prepared::Noise;
+use prepared::Prepared;
+use residuals::{balances, force_residuals, gas_residuals, measured_n};
+use serde::Serialize;
+
+/// Tolerance of free runs.
+const FREE_RUN_TOLERANCE: f64 = 1e-4;
+/// A free motion is as good as it can be when it is within so many times the noise: where a weight
+/// sticks is decided by less.
+const MOTION_NOISES: f64 = 5.0;
+/// Stops of a record that are independent of each other.
+const MOTION_STOPS: f64 = 8.0;
+/// Share of a nominal value that is left at least.
+const LEAST_SHARE: f64 = 0.05;
+/// Shares by which noise may be larger than it is taken to be: of a sensor, from many samples; of
+/// what a bench repeats, from few runs (as many as a block may be above its noise).
+const DOUBT_OF_NOISE: f64 = 0.02;
+const DOUBT_OF_REPEATABILITY: f64 = NOISE_ONLY - 1.0;
+
+const GAS: &str = "gas";
+const FORCE: &str = "force";
+const LOAD: &str = "load";
+
+/// A nominal value, calibrated within its tolerance.
+#[derive(Clone, Debug, Serialize)]
+pub struct Calibrated {
+    /// `section.key`.
+    pub key: String,
+    /// As in the nominal rig, and as fitted.
+    pub values: [f64; 2],
+    /// By how many standard deviations of its tolerance it was moved.
+    pub deviation: f64,
+}
+
+/// The rig with its records.
+pub struct MuscleModel {
+    rig: Rig,
+    records: Vec<Prepared>,
+    fitted: usize,
+    /// What the force is off from run to run \[N\], where that is known.
+    repeatability_n: Option<f64>,
+    blocks: Vec<&'static str>,
+    nominal_blocks: Vec<Vec<usize>>,
+    candidates: Vec<Candidate>,
+}
+
+/// By which factor a nominal value moves with so many of its standard deviations: never through 0,
+/// where a heat transfer or a friction would drive the plant.
+fn moved_by(tolerance: &Tolerance, deviations: f64) -> f64 {
+    (1.0 + tolerance.relative_sigma * deviations).max(LEAST_SHARE)
+}
+
+/// The blocks on which a nominal value of a section acts.
+fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
+    match (section, key) {
+        ("muscle", "volume_d1_m3" | "volume_d2_m3" | "volume_d3_m3") => &[GAS],
+        ("muscle", "initial_length_m") => &[GAS, LOAD],
+        ("muscle", _) => &[FORCE],
+        ("load", _) => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+/// The blocks that an effect changes.
+fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
+    match (name, place) {
+        ("line-dynamics", _) => &[GAS, FORCE],
+        ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
+        // Where the force is measured, the balance of the load is taken with it.
+        ("force-sensor-offset", _) => &[FORCE, LOAD],
+        (_, "sensor") => &[GAS, FORCE],
+        (_, "muscle-force") => &[FORCE],
+        (_, "load") => &[LOAD],
+        _ => &[GAS],
+    }
+}
+
+/// Whether records can show an effect at all: what they measure and move.
+fn can_show(name: &str, place: &str, force_measured: bool, contraction_moves: bool) -> bool {
+    match (name, place) {
+        ("force-sensor-offset", _) => force_measured,
+        // It is in the contraction's direction and way; at rest it is a constant that others are.
+        ("hysteresis", _) | (_, "load") => contraction_moves,
+        _ => true,
+    }
+}
+
+impl MuscleModel {
+    /// The model of `rig` with the records that are fitted; effects named in `without` are left
+    /// out.
+    ///
+    /// # Errors
+    /// The records lack what every diagnosis needs.
+    pub fn new(
+        rig: &Rig,
+        fit: &[Record],
+        validate: &[Record],
+        without: &[String],
+    ) -> Result<Self, BadInput> {
+        let records = || fit.iter().chain(validate);
+        let has = |name: &str| records().all(|record| record.column(name).is_some());
+        let bench = rig.nominal.load == Load::Prescribed && has(FORCE_N);
+        let repeatability_n = force_repeatability_n(records().filter(|_| bench));
+        let prepared = Prepared::all(rig, records(), repeatability_n)?;
+        let moves = prepared.iter().any(|record| record.contraction_moves);
+        let mut blocks = Vec::new();
+        if has(PRESSURE_REF_PA) && rig.nominal.valve.is_some() {
+            blocks.push(GAS);
+        }
+        if has(FORCE_N) {
+            blocks.push(FORCE);
+        }
+        if matches!(rig.nominal.load, Load::Weight(_)) {
+            blocks.push(LOAD);
+        }
+        // Without a force channel the balance of the load stands for both.
+        let places = |names: &[&str]| -> Vec<usize> {
+            let mut places: Vec<usize> = names
+                .iter()
+                .filter_map(|name| {
+                    let instead = if *name == FORCE && !blocks.contains(&FORCE) {
+                        LOAD
+                    } else {
+                        name
+                    };
+                    blocks.iter().position(|block| *block == instead)
+                })
+                .collect();
+            places.sort_unstable();
+            places.dedup();
+            places
+        };
+        let nominal = |tolerance: &Tolerance| places(blocks_of(&tolerance.section, &tolerance.key));
+        let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
+        let kinds = rig.catalogue.kinds().filter(|kind| {
+            !without.iter().any(|name| name == kind.name)
+                && can_show(kind.name, kind.place, has(FORCE_N), moves)
+        });
+        let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
+        let candidates = forms.map(|(kind, form)| Candidate {
+            effect: kind.name,
+            form: form.name,
+            parameters: form
+                .parameters
+                .iter()
+                .map(|p| Parameter {
+                    name: p.name,
+                    unit: p.unit,
+                    range: (p.min, p.max),
+                    usual: p.usual,
+                    log: p.log,
+                    neutral: p.neutral,
+                    ends: p.ends,
+                })
+                .collect(),
+            blocks: places(blocks_of_effect(kind.name, kind.place)),
+            form_doubt: kind.form_doubt(),
+        });
+        // An effect on no block that was measured cannot be seen.
+        let candidates = candidates
+            .filter(|candidate| !candidate.blocks.is_empty())
+            .collect();
+        Ok(MuscleModel {
+            fitted: fit.len(),
+            repeatability_n,
+            records: prepared,
+            rig: rig.clone(),
+            blocks,
+            nominal_blocks,
+            candidates,
+        })
+    }
+
+    /// The rig with its nominal values moved by `nominal` standard deviations, and effects added.
+    pub fn fitted<'a>(
+        &self,
+        nominal: &[f64],
+        effects: impl IntoIterator<Item = &'a Active>,
+    ) -> Rig {
+        let mut rig = self.rig.clone();
+        for (tolerance, deviation) in self.rig.tolerances.iter().zip(nominal) {
+            if let Some(value) = rig.value_mut(&tolerance.section, &tolerance.key) {
+                *value *= moved_by(tolerance, *deviation);
+            }
+        }
+        for (candidate, values) in effects {
+            let candidate = &self.candidates[*candidate];
+            let kind = rig.catalogue.find(candidate.effect);
+            if let Some((kind, form)) = kind.and_then(|k| Some((k, k.form(candidate.form)?))) {
+                let values = values.clone();
+                rig.effects.push(Effect { kind, form, values });
+            }
+        }
+        rig
+    }
+
+    /// The nominal values that `nominal` moves.
+    pub fn calibrated(&self, nominal: &[f64]) -> Vec<Calibrated> {
+        let mut rig = self.rig.clone();
+        let values = self.rig.tolerances.iter().zip(nominal);
+        let of = |(tolerance, deviation): (&Tolerance, &f64)| {
+            let value = *rig.value_mut(&tolerance.section, &tolerance.key)?;
+            Some(Calibrated {
+                key: format!("{}.{}", tolerance.section, tolerance.key),
+                values: [value, value * moved_by(tolerance, *deviation)],
+                deviation: *deviation,
+            })
+        };
+        values.filter_map(of).collect()
+    }
+
+    /// The equations that a block is made of.
+    pub fn places(&self, block: &str) -> Vec<&'static str> {
+        match block {
+            GAS => vec![GAS],
+            FORCE => vec!["muscle-force"],
+            _ if self.blocks.contains(&FORCE) => vec![LOAD],
+            // One balance of forces for both.
+            _ => vec!["muscle-force", LOAD],
+        }
+    }
+
+    /// The effects that the rig may name.
+    pub fn catalogue(&self) -> &Catalogue {
+        &self.rig.catalogue
+    }
+
+    /// What the records cannot show.
+    pub fn warnings(&self) -> Vec<String> {
+        let numbered = self.records.iter().enumerate();
+        let mut warnings: Vec<String> = numbered
+            .flat_map(|(number, record)| {
+                let (kind, number) = match number.checked_sub(self.fitted) {
+                    None => ("fitted", number + 1),
+                    Some(later) => ("validation", later + 1),
+                };
+                let words = record.warnings.iter();
+                words.map(move |words| format!("{kind} record {number}: {words}"))
+            })
+            .collect();
+        if let Some(repeatability_n) = self.repeatability_n {
+            warnings.push(format!(
+                "at the same contraction, pressure and direction the force differs by \
+                 {repeatability_n:.1} N RMS from run to run (zeros, mounting, run-in): no effect \
+                 below that is looked for"
+            ));
+        }
+        if !self.blocks.contains(&FORCE) {
+            warnings.push("no force_n: the muscle's force is judged by the weight alone".into());
+        }
+        if !self.blocks.contains(&GAS) {
+            warnings.push("no pressure_ref_pa or valve: nothing is said of valve and gas".into());
+        }
+        warnings
+    }
+
+    /// Whether records tell how well the rig repeats itself.
+    pub fn repeated(&self) -> bool {
+        self.repeatability_n.is_some()
+    }
+
+    /// The noise of each record; of the force, with what a bench does not repeat.
+    pub fn noise(&self) -> Vec<Noise> {
+        let of = |record: &Prepared| Noise {
+            force_n: record
+                .noise
+                .force_n
+                .hypot(self.repeatability_n.unwrap_or(0.0)),
+            ..record.noise
+        };
+        self.records.iter().map(of).collect()
+    }
+}
+
+impl Model for MuscleModel {
+    fn records(&self) -> usize {
+        self.records.len()
+    }
+
+    fn fitted(&self) -> usize {
+        self.fitted
+    }
+
+    fn blocks(&self) -> &[&'static str] {
+        &self.blocks
+    }
+
+    fn nominal_blocks(&self) -> &[Vec<usize>] {
+        &self.nominal_blocks
+    }
+
+    fn candidates(&self) -> &[Candidate] {
+        &self.candidates
+    }
+
+    fn rows(&self, record: usize, block: usize) -> usize {
+        let record = &self.records[record];
+        match self.blocks[block] {
+            GAS => record.gas_rows.len(),
+            FORCE => record.force_rows.len() + UNKNOWNS,
+            _ => record.places.len() + self.unknowns(block) + record.stops.len(),
+        }
+    }
+
+    /// States at the begin, told where the muscle's force is judged.
+    fn unknowns(&self, block: usize) -> usize {
+        match self.blocks[block] {
+            FORCE => UNKNOWNS,
+            LOAD if !self.blocks.contains(&FORCE) => UNKNOWNS,
+            _ => 0,
+        }
+    }
+
+    /// Where the weight rests, friction takes up what it can.
+    fn proportional(&self, block: usize) -> bool {
+        self.blocks[block] != LOAD
+    }
+
+    /// What a bench does not repeat is off for a whole run, not from row to row.
+    fn doubt_of_noise(&self, block: usize) -> f64 {
+        if self.blocks[block] == FORCE && self.repeatability_n.is_some() {
+            DOUBT_OF_REPEATABILITY
+        } else {
+            DOUBT_OF_NOISE
+        }
+    }
+
+    /// The motion from the measured pressure: where the weight stays after each stop tells
+    /// friction, play and slack far better than the balance of forces does, which knows only a tube
+    /// there.
+    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64> {
+        let rig = self.fitted(nominal, effects);
+        if !matches!(rig.nominal.load, Load::Weight(_)) {
+            return Some(0.0);
+        }
+        let record = &self.records[record];
+        let scale = MOTION_NOISES * record.noise.contraction;
+        let cost = |mean_square: f64| {
+            let cost = 0.5 * MOTION_STOPS * (1.0 + mean_square / (scale * scale)).ln();
+            cost.is_finite().then_some(cost)
+        };
+        let Ok(simulated) = simulate(&rig, &record.measured, FREE_RUN_TOLERANCE) else {
+            // A motion that cannot be followed is missed by all that a muscle can contract.
+            return cost(1.0);
+        };
+        let (is, was) = (
+            simulated.column(CONTRACTION)?,
+            record.measured.column(CONTRACTION)?,
+        );
+        let pairs = is.iter().zip(was).filter(|(_, was)| !was.is_nan());
+        let sum = pairs.clone().map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        cost(sum / pairs.count() as f64)
+    }
+
+    fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
+        let record = &self.records[record];
+        let rows: Vec<usize> = match self.blocks[block] {
+            GAS => record.gas_rows.clone(),
+            FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
+            _ => {
+                let places = record.places.iter().map(|place| place.kernel.middle());
+                let unknown = std::iter::repeat_n(0, self.unknowns(block));
+                let rows = places.chain(unknown);
+                rows.chain(record.stops.iter().copied()).collect()
+            }
+        };
+        let time_s = record.measured.time_s();
+        let read = record.gas.as_ref().unwrap_or(&record.measured);
+        let pressure_pa = read.column(PRESSURE_PA).unwrap_or_default();
+        let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
+        let of = |name, unit, value: &dyn Fn(usize) -> f64| Coordinate {
+            name,
+            unit,
+            values: rows.iter().map(|row| value(*row)).collect(),
+        };
+        vec![
+            of("direction", "", &|row| record.directions[row]),
+            of("pressure", "Pa", &|row| pressure_pa[row]),
+            of("contraction", "", &|row| contraction[row]),
+            of("rate", "1/s", &|row| record.rates_per_s[row].abs()),
+            of("pressure rate", "Pa/s", &|row| {
+                let (from, to) = (row.saturating_sub(1), (row + 1).min(time_s.len() - 1));
+                (pressure_pa[to] - pressure_pa[from]) / (time_s[to] - time_s[from])
+            }),
+            of("time", "s", &|row| time_s[row] - time_s[0]),
+        ]
+    }
+
+    fn residuals(
+        &self,
+        record: usize,
+        block: usize,
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Residuals> {
+        let record = &self.records[record];
+        // What does not change the block need not be followed.
+        let own = effects.iter();
+        let own = own.filter(|(candidate, _)| self.candidates[*candidate].blocks.contains(&block));
+        let mut rig = self.fitted(nominal, own);
+        match self.blocks[block] {
+            GAS => gas_residuals(record, rig),
+            FORCE => {
+                let ways = record.ways(&rig);
+                let forces = Forces::new(&rig, &ways, Force::Read)?;
+                begun_best(&forces, record.fading_forces(&forces)?, |forces_n| {
+                    force_residuals(record, forces_n)
+                })
+            }
+            _ => {
+                let balances = |forces_n: &[(f64, f64)]| balances(record, &rig, forces_n);
+                let mut residuals = if self.blocks.contains(&FORCE) {
+                    balances(&measured_n(record, &rig)?)?
+                } else {
+                    let ways = record.ways(&rig);
+                    let forces = Forces::new(&rig, &ways, Force::True)?;
+                    begun_best(&forces, record.fading_balances(&forces)?, balances)?
+                };
+                rig.nominal.load = Load::Prescribed;
+                residuals.extend(record.stop_residuals(&rig)?);
+                Some(residuals)
+            }
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! What a muscle has behind it when a record begins.
+//!
+//! Where all records begin at rest they are taken to begin after a long one, and effects are
+//! settled then. Where one begins in motion nobody knows what states that take seconds to settle
+//! have come to, nor how much of a run-in is over. What they are off by acts on the force in
+//! proportion and fades with their own time constants, or as the run-in goes on: it is estimated
+//! from each record, the predicted ones too, and counts by how likely it is. So does the memory of
+//! a hysteresis, which no rest settles.
+
+use super::force::Forces;
+use model_discrepancy::least_squares::{Linearized, Residuals, Slopes};
+use nalgebra::{DMatrix, DVector};
+
+/// Standard deviation of what a state may be off by, in units of its drive's usual size; for a
+/// run-in, of what is left of it.
+const SPREAD: f64 = 0.5;
+/// States at the begin that are unknown at most: of a creep and a run-in, and the memory of a
+/// hysteresis.
+pub(super) const UNKNOWNS: usize = 6;
+
+/// Residuals, by the forces that the muscle may have, for the begin that fits best: with
+/// what a motion before may have left in effects with a memory and in those that fade, as `fading`
+/// says for each of their states.
+pub(super) fn begun_best(
+    forces: &Forces,
+    mut fading: Vec<Vec<f64>>,
+    residuals: impl Fn(&[(f64, f64)]) -> Option<Residuals>,
+) -> Option<Residuals> {
+    if !forces.remembers() {
+        return Some(forgotten(residuals(&forces.settled_n()?)?, &fading, None));
+    }
+    // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
+    let ends = forces.ends()?;
+    let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)?));
+    let (out, drawn_in) = (out?, drawn_in?);
+    let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
+    };
+    let middle = Residuals {
+        values: half(&out.values, &drawn_in.values, 1.0),
+        slack: half(&out.slack, &drawn_in.slack, 1.0),
+    };
+    fading.push(half(&out.values, &drawn_in.values, -1.0));
+    let states = likeliest(&middle, &slopes(&fading));
+    fading.pop();
+    let share = states.iter().next_back()?.clamp(-1.0, 1.0);
+    let forces_n = forces.between_n(&ends, share)?;
+    Some(forgotten(residuals(&forces_n)?, &fading, Some(share)))
+}
+
+/// What unknown states at the begin, which change `residuals` with these slopes, most likely are.
+fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
+    let states = slopes.values.ncols();
+    let linearized = Linearized {
+        residuals,
+        slopes,
+        priors: &vec![(0.0, SPREAD.recip()); states],
+        damping: DVector::zeros(states),
+    };
+    linearized.exact_minimum()
+}
+
+/// Slopes of residuals by states, of which there is one at least.
+fn slopes(unknown: &[Vec<f64>]) -> Slopes {
+    let (rows, states) = (unknown[0].len(), unknown.len());
+    Slopes {
+        values: DMatrix::from_fn(rows, states, |row, state| unknown[state][row]),
+        slack: DMatrix::zeros(rows, states),
+    }
+}
+
+/// `residuals` without what unknown states at the begin, which act as `unknown`, explain of them.
+/// What these then are follows, with the `memory` it began with, in standard deviations, as
+/// [`UNKNOWNS`] more: who needs an unlikely begin is no better for it.
+fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
+    let mut deviations = vec![0.0; UNKNOWNS];
+    deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0) / SPREAD;
+    if !unknown.is_empty() {
+        let slopes = slopes(unknown);
+        let states = likeliest(&residuals, &slopes);
+        let change = slopes.values * &states;
+        for (value, change) in residuals.values.iter_mut().zip(&change) {
+            *value += change;
+        }
+        for (deviation, state) in deviations.iter_mut().zip(&states) {
+            *deviation += state / SPREAD;
+        }
+    }
+    residuals.extend(Residuals::exact(deviations));
+    residuals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::force::Force;
+    use super::*;
+    use crate::identify::simulate::simulate;
+    use crate::record::FORCE_N;
+    use crate::record::{CONTRACTION, PRESSURE_PA, Record};
+    use crate::rig::Rig;
+    use std::borrow::Cow;
+
+    fn fading_n(rig: &Rig, record: &Record) -> Vec<Vec<f64>> {
+        let records = [Cow::Borrowed(record)];
+        let forces = Forces::new(rig, &records, Force::True).expect("driven");
+        forces.fading_n().expect("fading")
+    }
+
+    /// The begin of a record is off by what a step before it has left: `fading_n` says how that
+    /// acts on the force, and how it fades.
+    #[test]
+    fn what_a_step_before_has_left_fades_as_it_is_said_to() {
+        let (step_s, rows, time_constant_s) = (0.01, 301, 0.8);
+        let time_s: Vec<f64> = (0..rows).map(|row| f64::from(row) * step_s).collect();
+        // Both steps are over in the first row.
+        let contraction = time_s.iter().map(|t| 0.05 + 0.02 * t);
+        let contraction: Vec<f64> = [0.0].into_iter().chain(contraction.skip(1)).collect();
+        let pressure_pa = [1e5].into_iter().chain(vec![3e5; time_s.len() - 1]);
+        let pressure_pa: Vec<f64> = pressure_pa.collect();
+        let from = |first: usize| {
+            let mut record = Record::new(time_s[first..].to_vec());
+            record.set(CONTRACTION, contraction[first..].to_vec());
+            record.set(PRESSURE_PA, pressure_pa[first..].to_vec());
+            record
+        };
+        let drives = [2e5 / 3e5, (contraction[1] - contraction[0]) / 0.25];
+        for (form, step) in ["relaxation", "strain-relaxation"].into_iter().zip(drives) {
+            let effect = format!(
+                "[[effect]]\nname = \"creep\"\nform = \"{form}\"\nforce_n = 20.0\n\
+                 time_constant_s = {time_constant_s:?}\n"
+            );
+            let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+            let rig = Rig::parse("rig.toml", &(text + &effect)).expect("a rig");
+            let force_n = |record: &Record| {
+                let simulated = simulate(&rig, record, 1e-9).expect("simulated");
+                simulated.require(FORCE_N).expect("a force").to_vec()
+            };
+            let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(1)));
+            let fading_n = fading_n(&rig, &from(1));
+            assert_eq!(fading_n.len(), 1);
+            let way = time_constant_s / step_s;
+            let off = step * way * (1.0 - (-1.0 / way).exp());
+            assert!((cut_n[0] - whole_n[1]).abs() > 2.0);
+            for (row, cut_n) in cut_n.iter().enumerate() {
+                let error_n = cut_n - whole_n[row + 1] - off * fading_n[0][row];
+                assert!(error_n.abs() < 1e-4, "{form}, row {row}: {error_n}");
+            }
+        }
+    }
+
+    /// A run-in that was under way before the record has less of it left, in one proportion.
+    #[test]
+    fn a_run_in_that_has_begun_is_off_by_a_share() {
+        let effect = "[[effect]]\nname = \"run-in\"\nform = \"exponential\"\nshare = 0.1\n\
+                      distance = 0.2\n";
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let rig = Rig::parse("rig.toml", &(text + effect)).expect("a rig");
+        let time_s: Vec<f64> = (0..400).map(|row| 0.01 * f64::from(row)).collect();
+        let from = |first: usize| {
+            let mut record = Record::new(time_s[first..].to_vec());
+            let contraction = time_s[first..].iter().map(|t| 0.05 + 0.03 * t);
+            record.set(CONTRACTION, contraction.collect());
+            record.set(PRESSURE_PA, vec![3e5; time_s.len() - first]);
+            record
+        };
+        let force_n = |record: &Record| {
+            let simulated = simulate(&rig, record, 1e-9).expect("simulated");
+            simulated.require(FORCE_N).expect("a force").to_vec()
+        };
+        let (whole_n, cut_n) = (force_n(&from(0)), force_n(&from(200)));
+        let fading_n = fading_n(&rig, &from(200));
+        // A way of 0.06 before, less the play in which a motion is none.
+        let off = (-(0.06_f64 - 5e-4) / 0.2).exp() - 1.0;
+        assert!((cut_n[0] - whole_n[200]).abs() > 5.0);
+        // The play is passed once more.
+        for row in 50..200 {
+            let error_n = cut_n[row] + off * fading_n[0][row] - whole_n[200 + row];
+            assert!(error_n.abs() < 0.1, "row {row}: {error_n}");
+        }
+    }
+
+    #[test]
+    fn what_fades_is_forgotten_and_what_stays_is_not() {
+        let rows = 0..400;
+        let fading: Vec<f64> = rows
+            .map(|row| 30.0 * (-0.02 * f64::from(row)).exp())
+            .collect();
+        let fading = vec![fading];
+        let of = |begun: f64, stays: f64| {
+            let row =
+                |(row, fading): (usize, &f64)| begun * fading + stays * (0.3 * row as f64).sin();
+            Residuals::exact(fading[0].iter().enumerate().map(row).collect())
+        };
+        let size = |residuals: &Residuals| {
+            let squares = residuals.values.iter().map(|value| value * value);
+            (squares.sum::<f64>() / 400.0).sqrt()
+        };
+        assert!(size(&of(0.4, 0.0)) > 2.0);
+        let mut forgiven = forgotten(of(0.4, 0.0), &fading, None);
+        // What it took is told: -0.4 of a state that is known to within 0.5.
+        let told = forgiven.values.split_off(400);
+        assert_eq!(told.len(), UNKNOWNS);
+        assert!((told[0] + 0.8).abs() < 0.01, "{told:?}");
+        assert!(size(&forgiven) < 0.01);
+        let left = size(&forgotten(of(0.4, 1.0), &fading, None));
+        assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
+    }
+}

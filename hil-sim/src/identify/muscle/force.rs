@@ -1,0 +1,253 @@
+//! The muscle's force along a measured motion.
+
+use crate::identify::simulate::Inputs;
+use crate::record::Record;
+use crate::rig::Rig;
+use muscle_plant::nominal::Load;
+use muscle_plant::simulation::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
+use muscle_plant::subsystem::term::Update;
+use std::borrow::Cow;
+
+/// States that differ by less are the same.
+const SAME: f64 = 1e-8;
+
+/// Which force.
+#[derive(Clone, Copy)]
+pub(super) enum Force {
+    /// That which the sensor reads.
+    Read,
+    /// That which the muscle has.
+    True,
+}
+
+/// A muscle that is driven through a record.
+struct Driven<'a> {
+    plant: Plant,
+    inputs: Inputs<'a>,
+    force: Force,
+}
+
+/// Forces \[N\], row by row, of a muscle that began with its memory at −1 and at 1.
+struct Ends {
+    forces_n: [Vec<f64>; 2],
+    /// From this row on they are the same: the begin is forgotten.
+    met: usize,
+}
+
+/// The muscle's force along a motion that is known but for what an encoder's play leaves open.
+pub(super) struct Forces<'a>(Vec<Driven<'a>>);
+
+/// The same from either end of what its memory may be at the begin.
+pub(super) struct ForceEnds(Vec<Ends>);
+
+/// The least and the most of forces, row by row \[N\].
+fn spanned(mut all: impl Iterator<Item = Option<Vec<f64>>>) -> Option<Vec<(f64, f64)>> {
+    let first = all.next()??.into_iter();
+    let mut spans: Vec<(f64, f64)> = first.map(|n| (n, n)).collect();
+    for forces_n in all {
+        for (span, n) in spans.iter_mut().zip(forces_n?) {
+            *span = (span.0.min(n), span.1.max(n));
+        }
+    }
+    Some(spans)
+}
+
+impl<'a> Forces<'a> {
+    /// Of the muscle of `rig`, along any of `records`.
+    pub(super) fn new(rig: &Rig, records: &'a [Cow<Record>], force: Force) -> Option<Forces<'a>> {
+        let driven = records.iter().map(|record| Driven::new(rig, record, force));
+        Some(Forces(driven.collect::<Option<_>>()?))
+    }
+
+    /// Settled at the begin.
+    pub(super) fn settled_n(&self) -> Option<Vec<(f64, f64)>> {
+        spanned(self.0.iter().map(Driven::settled_n))
+    }
+
+    /// With the memory at either end at the begin.
+    pub(super) fn ends(&self) -> Option<ForceEnds> {
+        let ends = self.0.iter().map(Driven::ends);
+        Some(ForceEnds(ends.collect::<Option<_>>()?))
+    }
+
+    /// With the memory at this share between `ends` at the begin.
+    pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<(f64, f64)>> {
+        let pairs = self.0.iter().zip(&ends.0);
+        spanned(pairs.map(|(driven, ends)| driven.between_n(ends, share)))
+    }
+
+    /// Whether the muscle has a memory of the motion.
+    pub(super) fn remembers(&self) -> bool {
+        let mut driven = self.0.iter();
+        driven.any(|own| own.plant.muscle.terms.all().any(|term| term.remembers()))
+    }
+
+    /// What each state of the muscle that fades adds to the force where it was one unit too large
+    /// at the begin, row by row \[N\].
+    pub(super) fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
+        self.0.first().map_or(Some(Vec::new()), Driven::fading_n)
+    }
+}
+
+impl ForceEnds {
+    /// From −1 (0) or from 1 (1).
+    pub(super) fn forces_n(&self, end: usize) -> Option<Vec<(f64, f64)>> {
+        spanned(self.0.iter().map(|ends| Some(ends.forces_n[end].clone())))
+    }
+}
+
+impl<'a> Driven<'a> {
+    fn new(rig: &Rig, record: &'a Record, force: Force) -> Option<Driven<'a>> {
+        let mut rig = rig.clone();
+        rig.nominal.load = Load::Prescribed;
+        let inputs = Inputs::new(&rig, record).ok()?;
+        let plant = rig.plant(Simulated::FORCE_ONLY).ok()?;
+        (inputs.simulated == Simulated::FORCE_ONLY).then_some(Driven {
+            plant,
+            inputs,
+            force,
+        })
+    }
+
+    fn settled_n(&self) -> Option<Vec<f64>> {
+        let ([forces_n], _) = self.forces_n([None], self.inputs.time_s.len())?;
+        Some(forces_n)
+    }
+
+    fn ends(&self) -> Option<Ends> {
+        let begins = [Some(-1.0), Some(1.0)];
+        let (forces_n, met) = self.forces_n(begins, self.inputs.time_s.len())?;
+        Some(Ends { forces_n, met })
+    }
+
+    fn between_n(&self, ends: &Ends, share: f64) -> Option<Vec<f64>> {
+        let ([mut forces_n], _) = self.forces_n([Some(share)], ends.met)?;
+        forces_n.extend(&ends.forces_n[0][ends.met..]);
+        Some(forces_n)
+    }
+
+    fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
+        let Driven { plant, inputs, .. } = self;
+        let muscle = &plant.muscle;
+        let mut all: Vec<Vec<f64>> = Vec::new();
+        let mut states = [vec![0.0; plant.states()]];
+        for row in 0..inputs.time_s.len() {
+            self.advance(row, &mut states, [None])?;
+            let since_s = inputs.time_s[row] - inputs.time_s[0];
+            let at = plant.muscle_point(inputs.time_s[row], &states[0]);
+            let terms = muscle.terms.iter(&states[0]);
+            let fading = terms.flat_map(|(term, own)| term.fading(&at, &muscle.law, own));
+            for (number, (size_n, time_constant_s)) in fading.enumerate() {
+                if row == 0 {
+                    all.push(Vec::with_capacity(inputs.time_s.len()));
+                }
+                all[number].push(size_n * (-since_s / time_constant_s).exp());
+            }
+            if all.is_empty() {
+                break;
+            }
+        }
+        Some(all)
+    }
+
+    /// Takes states on to `row`, or begins with them.
+    fn advance<const N: usize>(
+        &self,
+        row: usize,
+        states: &mut [Vec<f64>],
+        begins: [Option<f64>; N],
+    ) -> Option<()> {
+        let Driven { plant, inputs, .. } = self;
+        let time_s = inputs.time_s[row];
+        let contraction = inputs.contraction(row)?;
+        let pressure = inputs.pressure(row)?.to_absolute(plant.atmospheric);
+        let mut before = [0.0; STATES_MAX];
+        for (state, begin) in states.iter_mut().zip(begins) {
+            let before = &mut before[..state.len()];
+            before.copy_from_slice(state);
+            (state[CONTRACTION], state[PRESSURE]) = (contraction, pressure.0);
+            if row > 0 {
+                plant.propagate((inputs.time_s[row - 1], before), time_s, state);
+                continue;
+            }
+            plant.steady_state(time_s, &Drive::default(), state);
+            if let Some(share) = begin {
+                plant.update_terms(Update::BiasMemory(share), time_s, &Drive::default(), state);
+            }
+        }
+        Some(())
+    }
+
+    /// Forces in the first rows from several begins, settled or leaning by a share, and from which
+    /// row on all are the same.
+    fn forces_n<const N: usize>(
+        &self,
+        begins: [Option<f64>; N],
+        rows: usize,
+    ) -> Option<([Vec<f64>; N], usize)> {
+        let Driven { plant, inputs, .. } = self;
+        let mut states = [(); N].map(|()| vec![0.0; plant.states()]);
+        let mut forces_n = [(); N].map(|()| Vec::with_capacity(inputs.time_s.len()));
+        let mut met = inputs.time_s.len();
+        for row in 0..rows {
+            let time_s = inputs.time_s[row];
+            let apart = if row < met { N } else { 1 };
+            self.advance(row, &mut states[..apart], begins)?;
+            for (forces_n, state) in forces_n.iter_mut().zip(&states[..apart]) {
+                forces_n.push(match self.force {
+                    Force::Read => plant.read(time_s, &Drive::default(), state).force_n,
+                    Force::True => plant.force_n(time_s, state),
+                });
+            }
+            let near = |(a, b): (&f64, &f64)| (a - b).abs() < SAME;
+            let same = |pair: &[Vec<f64>]| pair[0].iter().zip(&pair[1]).all(near);
+            if N > 1 && row < met && states.windows(2).all(same) {
+                met = row + 1;
+            }
+        }
+        if let Some((first, others)) = forces_n.split_first_mut() {
+            for other in others {
+                other.extend(&first[other.len()..]);
+            }
+        }
+        Some((forces_n, met))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{CONTRACTION, PRESSURE_PA};
+
+    /// A begin that both ends have forgotten is not run through to the end of the record, and what
+    /// is taken from them instead is what would have come of it.
+    #[test]
+    fn a_begin_is_forgotten_where_both_its_ends_have_met() {
+        for form in [
+            "maxwell-slip\"\nspread = 4.0\ntaper = 0.5",
+            "duhem\"\nasymmetry = 1.5",
+            "bouc-wen\"\nsharpness = 2.0",
+        ] {
+            let effect = format!(
+                "[[effect]]\nname = \"hysteresis\"\nform = \"{form}\nforce_n = 20.0\n\
+                 reach = 0.005\nbase_share = 0.2\n"
+            );
+            let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
+            let time_s: Vec<f64> = (0..1000).map(|row| 0.01 * f64::from(row)).collect();
+            let mut record = Record::new(time_s.clone());
+            let contraction = time_s.iter().map(|t| 0.1 + 0.08 * (2.0 * t).sin());
+            record.set(CONTRACTION, contraction.collect());
+            record.set(PRESSURE_PA, vec![2e5; time_s.len()]);
+            let driven = Driven::new(&rig.expect("a rig"), &record, Force::True).expect("driven");
+            let ends = driven.ends().expect("forces");
+            assert!((10..400).contains(&ends.met), "{form}: {}", ends.met);
+            assert!(ends.forces_n[0][0] - ends.forces_n[1][0] > 10.0);
+            let between_n = driven.between_n(&ends, 0.3).expect("forces");
+            let ([whole_n], _) = driven.forces_n([Some(0.3)], 1000).expect("forces");
+            assert_eq!(between_n.len(), 1000);
+            for (a, b) in between_n.iter().zip(&whole_n) {
+                assert!((a - b).abs() < 1e-4, "{form}: {a}, {b}");
+            }
+        }
+    }
+}

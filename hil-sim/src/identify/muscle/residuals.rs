@@ -1,0 +1,313 @@
+//! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
+
+use super::along::Along;
+use super::force::Forces;
+use super::play::{play, without_further_play};
+use super::prepared::{Place, Prepared};
+use crate::identify::simulate::Inputs;
+use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use crate::rig::Rig;
+use model_core::pressure::GaugePa;
+use model_discrepancy::least_squares::Residuals;
+use muscle_plant::nominal::{Load, Weight};
+use muscle_plant::simulation::Simulated;
+use muscle_plant::simulation::{Initial, Simulation, TOLERANCE};
+use muscle_plant::subsystem::Term;
+use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, LoadPoint, LoadSubsystem};
+use muscle_plant::subsystem::sensors::Reading;
+use muscle_plant::subsystem::term::Terms;
+use std::ops::ControlFlow;
+
+/// The stop is where the contraction is 0, to within this \[-\].
+const STOP_PLACE: f64 = 1e-4;
+/// A simulation that takes more steps than this in a second, and a row, is given up: its parameters
+/// are far from those of any rig.
+const STEPS_PER_S: f64 = 300.0;
+const STEPS_PER_ROW: f64 = 4.0;
+/// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
+const LEAST_SHARE_OF_MASS: f64 = 0.5;
+
+/// The pressure that is read in each row \[Pa\], with the contraction as an input.
+fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> {
+    let plant = rig.plant(inputs.simulated).ok()?;
+    let mut pressure_pa = record.column(PRESSURE_PA)?.iter();
+    let initial = Initial {
+        time_s: record.time_s()[0],
+        contraction: inputs.contraction(0)?,
+        contraction_rate_per_s: 0.0,
+        pressure: GaugePa(*pressure_pa.find(|pressure_pa| !pressure_pa.is_nan())?),
+        temperature_k: plant.ambient_temperature_k,
+    };
+    let rows = record.time_s().len();
+    let mut out = Vec::with_capacity(rows);
+    let start_s = record.time_s()[0];
+    let visit = |row: usize, simulation: &Simulation| {
+        out.push(simulation.read().pressure.0);
+        let spent_s = record.time_s()[row] - start_s;
+        let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
+        if simulation.work().steps as f64 > most {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    };
+    // Coarser steps leave what is rough: slopes of that look steep, and intervals too narrow.
+    inputs.run(plant, &initial, TOLERANCE, rows, visit).ok()?;
+    (out.len() == rows).then_some(out)
+}
+
+pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+    let inert = matches!(rig.nominal.load, Load::Weight(_));
+    rig.nominal.load = Load::Prescribed;
+    let played = record.unplayed(&rig, record.gas.as_ref()?, None);
+    let measured = played.column(PRESSURE_PA)?;
+    let mut inputs = Inputs::new(&rig, &played).ok()?;
+    inputs.inert = inert;
+    let read_pa = pressures_pa(&rig, inputs, &played)?;
+    let residual = |row: &usize| {
+        let simulated_pa = record.pressure_span.read(read_pa[*row]);
+        (simulated_pa - measured[*row]) / record.noise.pressure_pa
+    };
+    Some(Residuals::exact(
+        record.gas_rows.iter().map(residual).collect(),
+    ))
+}
+
+/// Of the force that the muscle may read at least and at most, row by row \[N\].
+pub(super) fn force_residuals(record: &Prepared, forces_n: &[(f64, f64)]) -> Option<Residuals> {
+    let measured = record.measured.column(FORCE_N)?;
+    // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
+    // right because the sensor cannot tell.
+    let most_n = record.force_span.most;
+    let residual = |(row, per_noise): (&usize, &f64)| {
+        let (least_n, most_n) = (forces_n[*row].0.min(most_n), forces_n[*row].1.min(most_n));
+        let middle_n = 0.5 * (least_n + most_n);
+        (
+            (middle_n - measured[*row]) * per_noise,
+            0.5 * (most_n - least_n) * per_noise,
+        )
+    };
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    let (values, slack) = rows.map(residual).unzip();
+    Some(Residuals { values, slack })
+}
+
+impl Prepared {
+    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
+    /// were settled.
+    fn fading_n(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
+        if self.settled {
+            return Some(Vec::new());
+        }
+        forces.fading_n()
+    }
+
+    /// How states that were off at the begin change the residuals of the force.
+    pub(super) fn fading_forces(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
+        let rows = || self.force_rows.iter().zip(&self.per_force_noise);
+        let fading = self.fading_n(forces)?.into_iter();
+        let fading = fading.map(|n| rows().map(|(row, per_noise)| n[*row] * per_noise).collect());
+        Some(fading.collect())
+    }
+
+    /// How they change those of the load's balance, where that stands for the muscle's force too.
+    pub(super) fn fading_balances(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
+        let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
+        let fading = self.fading_n(forces)?.into_iter();
+        let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
+        Some(fading.collect())
+    }
+
+    /// What the encoder reads on the stop, where a muscle is as long as it can be.
+    pub(super) fn stop_residuals(&self, rig: &Rig) -> Option<Residuals> {
+        if self.stops.is_empty() {
+            return Some(Residuals::default());
+        }
+        let read = without_further_play(rig, &self.measured);
+        let inputs = Inputs::new(rig, &read).ok()?;
+        let noise = self.noise.contraction.hypot(STOP_PLACE);
+        let read = |row: &usize| inputs.contraction(*row).unwrap_or(0.0) / noise;
+        Some(Residuals {
+            values: self.stops.iter().map(read).collect(),
+            slack: vec![play(rig) / noise; self.stops.len()],
+        })
+    }
+}
+
+/// The weight of `rig` with its effects, and how many states they have.
+fn load_block(rig: &Rig, weight: Weight) -> (LoadSubsystem, usize) {
+    let mut load = LoadSubsystem {
+        weight,
+        initial_length_m: rig.nominal.muscle.initial_length_m,
+        terms: Terms::default(),
+    };
+    let mut states = 0;
+    let effects = rig.effects.iter();
+    for effect in effects.filter(|effect| effect.kind.place == "load") {
+        if let Term::Load(term) = (effect.form.build)(&effect.values) {
+            states += load.terms.push(term, states);
+        }
+    }
+    (load, states)
+}
+
+/// The measured force as it works on the weight, row by row \[N\].
+pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+    let sensors = rig.plant(Simulated::FORCE_ONLY).ok()?.sensors;
+    let measured_n = record.measured.column(FORCE_N)?.iter();
+    let truth = |(force_n, time_s): (&f64, &f64)| {
+        let reading = Reading {
+            pressure: GaugePa(0.0),
+            contraction: 0.0,
+            force_n: *force_n,
+        };
+        let true_n = sensors.truth(*time_s, reading).force_n;
+        (true_n, true_n)
+    };
+    Some(
+        measured_n
+            .zip(record.measured.time_s())
+            .map(truth)
+            .collect(),
+    )
+}
+
+/// How far the balance of forces on the weight lies outside what friction can take up, under
+/// the least and the most force that the muscle may have, row by row \[N\].
+pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) -> Option<Residuals> {
+    let Load::Weight(weight) = rig.nominal.load else {
+        return None;
+    };
+    let (load, states) = load_block(rig, weight);
+    let play = play(rig);
+    let played = record.unplayed(rig, &record.measured, None);
+    let read = record.measured.column(CONTRACTION)?;
+    let contraction = played.column(CONTRACTION)?;
+    let time_s = record.measured.time_s();
+    let mut along = Along::new(states);
+    let rows: Vec<[f64; 3]> = (0..time_s.len())
+        .map(|row| {
+            let direction = record.directions[row];
+            let at = LoadPoint {
+                time_s: time_s[row],
+                contraction: contraction[row],
+                contraction_rate_per_s: record.rates_per_s[row],
+                direction,
+                initial_length_m: load.initial_length_m,
+            };
+            let place = record.path[row] + contraction[row] - read[row];
+            let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
+            let (middle_n, reach_n) = if direction == 0.0 {
+                (0.0, weight.static_friction_n)
+            } else {
+                (direction * weight.coulomb_friction_n, 0.0)
+            };
+            let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+            let (least_n, most_n) = forces_n[row];
+            [
+                0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                reach_n + doubt_n + 0.5 * (most_n - least_n),
+                weight.mass_kg,
+            ]
+        })
+        .collect();
+    // With hardly a weight the balance holds for any muscle that is slack.
+    let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
+    if rows.iter().any(|row| row[2] < least_kg) {
+        return None;
+    }
+    let residuals = record.places.iter().map(|place| {
+        let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+        let kernel = &place.kernel;
+        for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
+            balance_n += weight * row[0];
+            reach_n += weight * row[1];
+            mass_kg += weight * row[2];
+        }
+        let dip_per_s2 = 2.0 * play * place.dip_per_s2;
+        reach_n += mass_kg * load.initial_length_m * dip_per_s2;
+        balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
+            + load.weight.viscous_damping_ns_per_m
+                * load.initial_length_m
+                * kernel.first(contraction);
+        (balance_n * place.per_noise, reach_n * place.per_noise)
+    });
+    let (values, slack) = residuals.unzip();
+    Some(Residuals { values, slack })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::begin::{UNKNOWNS, begun_best};
+    use super::super::force::Force;
+    use super::*;
+    use crate::record::PRESSURE_REF_PA;
+    use std::borrow::Cow;
+
+    /// The shortest lags that a delay is dispersed by, where each row has another reference and
+    /// another contraction, and the delay cuts them: the most steps that a likely rig takes.
+    #[test]
+    fn the_shortest_lags_are_followed() {
+        let (delay_s, lag_s) = (0.0303_f64, 2.6e-3);
+        let dispersion = lag_s * 2.0_f64.sqrt() / delay_s;
+        let effect = format!(
+            "[[effect]]\nname = \"transport-delay\"\nform = \"dispersed\"\n\
+             delay_s = {delay_s:?}\ndispersion = {dispersion:?}\n"
+        );
+        let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
+        let rig = rig.expect("a rig");
+        let time_s: Vec<f64> = (0..4000).map(|row| 0.01 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        let swings = |size: f64| move |t: &f64| size * (1.3 * t).sin();
+        let around = |middle: f64, size: f64| {
+            let values = time_s.iter().map(swings(size));
+            values.map(|value| middle + value).collect::<Vec<f64>>()
+        };
+        record.set(PRESSURE_REF_PA, around(2.5e5, 2e5));
+        record.set(PRESSURE_PA, around(2.5e5, 2e5));
+        record.set(CONTRACTION, around(0.12, 0.1));
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        assert!(gas_residuals(&prepared[0], rig).is_some());
+    }
+
+    /// With one way to go a Dahl friction keeps its begin in proportion.
+    #[test]
+    fn a_memory_at_the_begin_is_found() {
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let effect = "[[effect]]\nname = \"hysteresis\"\nform = \"duhem\"\nforce_n = 20.0\n\
+                      reach = 0.05\nasymmetry = 1.0\nbase_share = 0.2\n";
+        let rig = Rig::parse("rig.toml", &(text + effect)).expect("a rig");
+        let time_s: Vec<f64> = (0..300).map(|row| 0.01 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        record.set(
+            CONTRACTION,
+            time_s.iter().map(|t| 0.05 + 0.02 * t).collect(),
+        );
+        let pressure_pa = time_s.iter().map(|t| 2e5 + 5e4 * (3.0 * t).sin());
+        record.set(PRESSURE_PA, pressure_pa.collect());
+        let half_n = {
+            let records = [Cow::Borrowed(&record)];
+            let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
+            forces.between_n(&forces.ends().expect("ends"), 0.5)
+        };
+        let force_n = half_n.expect("forces").iter().map(|(n, _)| *n).collect();
+        record.set(FORCE_N, force_n);
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let prepared = &prepared[0];
+        let records = prepared.ways(&rig);
+        let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
+        let residuals = |forces_n: &[(f64, f64)]| force_residuals(prepared, forces_n);
+        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let settled = residuals(&forces.settled_n().expect("forces"));
+        let settled = settled.expect("residuals").values;
+        let fading = prepared.fading_forces(&forces).expect("fading");
+        let best = begun_best(&forces, fading, residuals)
+            .expect("residuals")
+            .values;
+        let (best, told) = best.split_at(best.len() - UNKNOWNS);
+        assert!(best.len() > 200, "{}", best.len());
+        assert!(largest(&settled) > 10.0, "{}", largest(&settled));
+        assert!(largest(best) < 0.1, "{}", largest(best));
+        // In standard deviations of 0.5.
+        assert!((told[UNKNOWNS - 1] - 1.0).abs() < 0.02, "{told:?}");
+    }
+}

@@ -1,0 +1,469 @@
+//! What other rigs' programs write, as a record: CSV with other names and units, and MATLAB files.
+//!
+//! A mapping file ([`Map::EXAMPLE_TOML`]) says which column is which, and its unit. Nothing is
+//! changed without being told: [`Summary`] holds what was done, and where.
+
+mod source;
+mod times;
+
+use crate::error::BadInput;
+use crate::record::{
+    CONTRACTION, FINGER_M, FORCE_N, INPUT_FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA,
+    TEMPERATURE_K, TIME_S, VALVE_OPEN, in_range,
+};
+use serde::{Deserialize, Serialize};
+use serde_spanned::Spanned;
+use source::Source;
+use std::collections::BTreeMap;
+use std::path::Path;
+pub use times::Mended;
+
+/// A unit: its name, how many of the SI unit it is, and where its zero is.
+type Unit = (&'static str, f64, f64);
+
+/// Units of pressure, all with the zero of the source: `offset` turns absolute into gauge.
+const PRESSURE: &[Unit] = &[
+    ("Pa", 1.0, 0.0),
+    ("hPa", 100.0, 0.0),
+    ("mbar", 100.0, 0.0),
+    ("kPa", 1e3, 0.0),
+    ("bar", 1e5, 0.0),
+    ("MPa", 1e6, 0.0),
+    ("psi", 6_894.757_293_168_361, 0.0),
+];
+const RATIO: &[Unit] = &[("1", 1.0, 0.0), ("%", 0.01, 0.0)];
+const FORCE: &[Unit] = &[
+    ("N", 1.0, 0.0),
+    ("mN", 1e-3, 0.0),
+    ("kN", 1e3, 0.0),
+    ("kgf", 9.806_65, 0.0),
+    ("lbf", 4.448_221_615_260_5, 0.0),
+];
+const LENGTH: &[Unit] = &[
+    ("m", 1.0, 0.0),
+    ("cm", 1e-2, 0.0),
+    ("mm", 1e-3, 0.0),
+    ("um", 1e-6, 0.0),
+    ("in", 0.0254, 0.0),
+];
+const TEMPERATURE: &[Unit] = &[
+    ("K", 1.0, 0.0),
+    ("degC", 1.0, 273.15),
+    ("degF", 5.0 / 9.0, 273.15 - 160.0 / 9.0),
+];
+const TIME: &[Unit] = &[
+    ("s", 1.0, 0.0),
+    ("ms", 1e-3, 0.0),
+    ("us", 1e-6, 0.0),
+    ("min", 60.0, 0.0),
+    ("h", 3600.0, 0.0),
+];
+
+/// The columns that a file can be mapped to, and their units.
+const TARGETS: [(&str, &[Unit]); 9] = [
+    (PRESSURE_REF_PA, PRESSURE),
+    (PRESSURE_PA, PRESSURE),
+    (CONTRACTION, RATIO),
+    (FORCE_N, FORCE),
+    (FINGER_M, LENGTH),
+    (INPUT_FORCE_N, FORCE),
+    (SUPPLY_PA, PRESSURE),
+    (TEMPERATURE_K, TEMPERATURE),
+    (VALVE_OPEN, RATIO),
+];
+
+/// How the columns of a file become those of a record.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Map {
+    #[serde(skip)]
+    place: Place,
+    #[serde(default)]
+    file: Layout,
+    time: Spanned<TimeMap>,
+    columns: BTreeMap<Spanned<String>, Column>,
+}
+
+/// Where a mapping stands, to say what is wrong with it.
+#[derive(Clone, Debug, Default)]
+struct Place {
+    file: String,
+    text: String,
+}
+
+/// How a CSV file is laid out; a MATLAB file needs none of it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Layout {
+    delimiter: Spanned<char>,
+    decimal_comma: bool,
+    skip_lines: usize,
+    header: bool,
+    skip_after_header: usize,
+    missing: Vec<String>,
+}
+
+impl Default for Layout {
+    fn default() -> Layout {
+        Layout {
+            delimiter: Spanned::new(0..0, ','),
+            decimal_comma: false,
+            skip_lines: 0,
+            header: true,
+            skip_after_header: 0,
+            missing: Vec::new(),
+        }
+    }
+}
+
+/// What tells the time.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TimeMap {
+    column: Option<Selector>,
+    unit: Option<Spanned<String>>,
+    rate_hz: Option<f64>,
+    #[serde(default)]
+    repeated: Repeated,
+    #[serde(default)]
+    restarted: Restarted,
+}
+
+/// A column of the file, by its name or by its number from 1.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged, expecting = "a column's name, or its number from 1")]
+enum Selector {
+    Number(usize),
+    Name(String),
+}
+
+/// Rows with the time of the row before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Repeated {
+    /// Bad input.
+    #[default]
+    Refuse,
+    /// Only the first of them is kept.
+    Drop,
+    /// They are the roundings of times in between: they are spread evenly up to the next time.
+    Spread,
+}
+
+/// Rows with a time before the row before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Restarted {
+    /// Bad input.
+    #[default]
+    Refuse,
+    /// They are left out, until the time has gone on.
+    Drop,
+    /// The clock was set anew: it goes on a median period after the row before.
+    Continue,
+}
+
+/// Where a column comes from: (cell · scale + offset) in `unit`.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Column {
+    column: Selector,
+    unit: Spanned<String>,
+    #[serde(default = "one")]
+    scale: f64,
+    #[serde(default)]
+    offset: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// What an import did.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// `CSV`, `MATLAB 5` or `MATLAB 7.3`.
+    pub format: &'static str,
+    /// How its text was read, if not as UTF-8.
+    pub encoding: Option<&'static str>,
+    /// Rows of the file.
+    pub rows_read: usize,
+    /// Rows of the record.
+    pub rows_written: usize,
+    /// Rows that had the time of the row before.
+    pub repeated_times: Mended,
+    /// Rows that had an earlier time than the row before.
+    pub restarted_times: Mended,
+    /// What the time was read from.
+    pub time: String,
+    /// The record's columns.
+    pub columns: Vec<ColumnSummary>,
+    /// Columns of the file that are not in the record.
+    pub left_out: Vec<String>,
+}
+
+/// What became of one column.
+#[derive(Clone, Debug, Serialize)]
+pub struct ColumnSummary {
+    /// Its name in the record.
+    pub name: &'static str,
+    /// Its name or number in the file.
+    pub source: String,
+    /// How a number of the file became one of the record.
+    pub conversion: String,
+    /// Cells without a sample.
+    pub missing: usize,
+    /// The smallest sample, in the record's unit.
+    pub min: f64,
+    /// The largest sample.
+    pub max: f64,
+}
+
+/// A record, and how it came about.
+#[derive(Clone, Debug)]
+pub struct Imported {
+    /// The record.
+    pub record: Record,
+    /// What was done.
+    pub summary: Summary,
+}
+
+impl Map {
+    /// A commented mapping, which fits [`Map::EXAMPLE_CSV`].
+    pub const EXAMPLE_TOML: &'static str = include_str!("example.toml");
+    /// A file that the example maps.
+    pub const EXAMPLE_CSV: &'static str = include_str!("example.csv");
+
+    /// Reads the mapping at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read, or is not a mapping: see [`Map::parse`].
+    pub fn read(path: &Path) -> Result<Map, BadInput> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|error| {
+            BadInput::file(&name, format!("a readable TOML file in UTF-8, {error}"))
+        })?;
+        Map::parse(&name, &text)
+    }
+
+    /// Reads a mapping from the text of the file `name`.
+    ///
+    /// # Errors
+    /// Anything that is not a mapping, with its line: an unknown key, column or unit, a wrong type.
+    pub fn parse(name: &str, text: &str) -> Result<Map, BadInput> {
+        let place = Place {
+            file: name.into(),
+            text: text.into(),
+        };
+        let mut map: Map = toml_edit::de::from_str(text).map_err(|error| {
+            let why = error.message().replace('\n', " ");
+            place.bad(
+                error.span().unwrap_or(0..0),
+                None,
+                &format!("a mapping, {why}"),
+            )
+        })?;
+        map.place = place;
+        map.check()?;
+        Ok(map)
+    }
+
+    fn check(&self) -> Result<(), BadInput> {
+        let bad = |span, key: &str, expected: &str| Err(self.place.bad(span, Some(key), expected));
+        let Layout {
+            delimiter,
+            decimal_comma,
+            ..
+        } = &self.file;
+        let byte = *delimiter.get_ref();
+        if !byte.is_ascii() || byte.is_ascii_alphanumeric() || "\"\r\n.+-".contains(byte) {
+            let expected = format!("one ASCII character that is in no number, found {byte:?}");
+            return bad(delimiter.span(), "file.delimiter", &expected);
+        }
+        if *decimal_comma && byte == ',' {
+            let expected = "another delimiter than `,`, as decimal_comma is true";
+            return bad(delimiter.span(), "file.delimiter", expected);
+        }
+        let time = self.time.get_ref();
+        match (&time.column, time.rate_hz) {
+            (Some(_), None) => {
+                unit_of(
+                    &self.place,
+                    "time",
+                    time.unit.as_ref(),
+                    TIME,
+                    &self.time.span(),
+                )?;
+            }
+            (None, Some(rate_hz)) if rate_hz > 0.0 && rate_hz.is_finite() => {}
+            (None, Some(rate_hz)) => {
+                let expected = format!("a rate above 0, found {rate_hz}");
+                return bad(self.time.span(), "time.rate_hz", &expected);
+            }
+            _ => return bad(self.time.span(), "time", "either `column` or `rate_hz`"),
+        }
+        for (target, column) in &self.columns {
+            let (key, span) = (target.get_ref(), target.span());
+            let Some((_, units)) = TARGETS.iter().find(|(name, _)| name == key) else {
+                let known = TARGETS.map(|(name, _)| name).join(", ");
+                return bad(span, &format!("columns.{key}"), &format!("one of {known}"));
+            };
+            let key = format!("columns.{key}");
+            unit_of(&self.place, &key, Some(&column.unit), units, &span)?;
+            if !column.scale.is_finite() || column.scale == 0.0 || !column.offset.is_finite() {
+                return bad(
+                    span,
+                    &key,
+                    "a scale other than 0 and an offset, both finite",
+                );
+            }
+        }
+        if self.columns.is_empty() {
+            return bad(0..0, "columns", "at least one column, found none");
+        }
+        Ok(())
+    }
+
+    /// Makes a record of the file `name` that has `bytes`.
+    ///
+    /// # Errors
+    /// The file does not have what the mapping says: with line and column.
+    pub fn import(&self, name: &str, bytes: &[u8]) -> Result<Imported, BadInput> {
+        let source = Source::open(name, bytes, &self.file)?;
+        let times = self.times(&source)?;
+        let mut record = Record::new(times.time_s);
+        let mut summary = Summary {
+            format: source.format(),
+            encoding: source.encoding(),
+            rows_read: times.rows_read,
+            rows_written: times.rows.len(),
+            repeated_times: times.repeated,
+            restarted_times: times.restarted,
+            time: times.source,
+            columns: Vec::new(),
+            left_out: Vec::new(),
+        };
+        for (target, units) in TARGETS {
+            let mut columns = self.columns.iter();
+            let Some((_, column)) = columns.find(|(key, _)| key.get_ref() == target) else {
+                continue;
+            };
+            let key = format!("columns.{target}");
+            let unit = unit_of(&self.place, &key, Some(&column.unit), units, &(0..0))?;
+            let (values, column) =
+                column.convert(&source, target, unit, (times.rows_read, &times.rows))?;
+            record.set(target, values);
+            summary.columns.push(column);
+        }
+        let selectors = self.columns.values().map(|column| &column.column);
+        let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
+        summary.left_out = source.left_out(&used);
+        // Whatever was imported can be read: what is left to check is checked there.
+        let record = Record::parse(name, &record.to_csv()).map_err(|error| BadInput {
+            line: None,
+            ..error
+        })?;
+        Ok(Imported { record, summary })
+    }
+}
+
+impl Column {
+    /// The samples of the kept rows in SI units; there are `rows_read` in all.
+    fn convert(
+        &self,
+        source: &Source,
+        target: &'static str,
+        unit: &Unit,
+        (rows_read, rows): (usize, &[usize]),
+    ) -> Result<(Vec<f64>, ColumnSummary), BadInput> {
+        let (name, read) = source.column(&self.column)?;
+        if read.len() != rows_read {
+            let expected = format!("{rows_read} rows as others have, found {}", read.len());
+            return Err(source.bad_column(&name, &expected));
+        }
+        let (unit, factor, zero) = unit;
+        let mut values = Vec::with_capacity(rows.len());
+        let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
+        for row in rows {
+            let value = (read[*row] * self.scale + self.offset) * factor + zero;
+            if !value.is_nan() {
+                in_range(target, value).map_err(|why| {
+                    source.bad(*row, &name, &format!("what is {target} as {why}"))
+                })?;
+                (min, max) = (min.min(value), max.max(value));
+            }
+            values.push(value);
+        }
+        let missing = values.iter().filter(|value| value.is_nan()).count();
+        if missing == values.len() {
+            let expected = format!("at least one sample of {target}, found none");
+            return Err(source.bad_column(&name, &expected));
+        }
+        let mut conversion = match self.scale {
+            1.0 => "cell".into(),
+            scale => format!("{scale} × cell"),
+        };
+        if self.offset != 0.0 {
+            conversion += &format!(" {:+}", self.offset);
+        }
+        conversion += &format!(", in {unit}");
+        if (*factor, *zero) != (1.0, 0.0) {
+            conversion += &format!(", × {factor}");
+        }
+        if *zero != 0.0 {
+            conversion += &format!(" {zero:+}");
+        }
+        let summary = ColumnSummary {
+            name: target,
+            source: name,
+            conversion,
+            missing,
+            min,
+            max,
+        };
+        Ok((values, summary))
+    }
+}
+
+fn unit_of<'a>(
+    place: &Place,
+    key: &str,
+    name: Option<&Spanned<String>>,
+    units: &'a [Unit],
+    section: &std::ops::Range<usize>,
+) -> Result<&'a Unit, BadInput> {
+    let known = || {
+        let names: Vec<_> = units.iter().map(|(name, ..)| *name).collect();
+        names.join(", ")
+    };
+    let key = format!("{key}.unit");
+    let Some(name) = name else {
+        let expected = format!("one of {}, found no such key", known());
+        return Err(place.bad(section.clone(), Some(&key), &expected));
+    };
+    let unit = units.iter().find(|(unit, ..)| unit == name.get_ref());
+    unit.ok_or_else(|| {
+        let expected = format!("one of {}, found `{}`", known(), name.get_ref());
+        place.bad(name.span(), Some(&key), &expected)
+    })
+}
+
+impl Place {
+    fn bad(&self, span: std::ops::Range<usize>, key: Option<&str>, expected: &str) -> BadInput {
+        let before = self.text.as_bytes().iter().take(span.start);
+        BadInput {
+            line: Some(1 + before.filter(|byte| **byte == b'\n').count()),
+            place: key.map(|key| format!("key `{key}`")),
+            ..BadInput::file(&self.file, expected)
+        }
+    }
+}
+
+impl std::fmt::Display for Selector {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Selector::Number(number) => write!(f, "column {number}"),
+            Selector::Name(name) => write!(f, "column `{name}`"),
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! Records as MCAP, which Foxglove and PlotJuggler open: one channel of JSON messages, one a tick,
+//! with the CSV's columns as fields and a schema that says so.
+
+use crate::bench::recorder::{COLUMNS, Cell};
+use crate::error::BadInput;
+use crate::output::NotWritten;
+use crate::record::{Record, TIME_S};
+use mcap::parse_record;
+use mcap::records::{MessageHeader, Record as McapRecord, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{McapError, WriteOptions, Writer};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+/// Longer is no tick, and no chunk of them \[bytes\].
+const RECORD_LEN_MAX: usize = 1 << 26;
+/// The channel's name.
+const TOPIC: &str = "/assist";
+
+/// Writes an MCAP file in chunks.
+pub struct McapWriter {
+    path: String,
+    writer: Writer<BufWriter<File>>,
+    channel: u16,
+    sequence: u32,
+}
+
+impl McapWriter {
+    /// Begins the file.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn create(path: &Path) -> Result<McapWriter, NotWritten> {
+        let name = path.display().to_string();
+        let begin = || {
+            // Without seeking each chunk is written at once and whole.
+            let options = WriteOptions::new().compression(None).disable_seeking(true);
+            let mut writer = options.create(BufWriter::new(File::create(path)?))?;
+            let schema = schema().to_string();
+            let schema = writer.add_schema("assist.Tick", "jsonschema", schema.as_bytes())?;
+            let channel = writer.add_channel(schema, TOPIC, "json", &BTreeMap::new())?;
+            Ok((writer, channel))
+        };
+        let (writer, channel) = begin().map_err(|error| not_written(&name, error))?;
+        Ok(McapWriter {
+            path: name,
+            writer,
+            channel,
+            sequence: 0,
+        })
+    }
+
+    /// Adds a message with the cells of [`COLUMNS`].
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn push(&mut self, time_s: f64, cells: &[Cell]) -> Result<(), NotWritten> {
+        let fields = COLUMNS
+            .iter()
+            .zip(cells)
+            .filter_map(|((name, ..), cell)| match cell {
+                Cell::Missing => None,
+                Cell::Number(number) => Some((String::from(*name), json!(number))),
+                Cell::Text(word) => Some((String::from(*name), json!(word))),
+            });
+        let message = Value::Object(fields.collect()).to_string();
+        let time_ns = (time_s * 1e9).round().max(0.0) as u64;
+        let header = MessageHeader {
+            channel_id: self.channel,
+            sequence: self.sequence,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        self.writer
+            .write_to_known_channel(&header, message.as_bytes())
+            .map_err(|error| not_written(&self.path, error))
+    }
+
+    /// Ends the chunk and writes it.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn flush(&mut self) -> Result<(), NotWritten> {
+        let flushed = self.writer.flush();
+        flushed.map_err(|error| not_written(&self.path, error))
+    }
+
+    /// Ends the file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(mut self) -> Result<(), NotWritten> {
+        let finished = self.writer.finish();
+        finished.map_err(|error| not_written(&self.path, error))?;
+        Ok(())
+    }
+}
+
+fn not_written(path: &str, error: McapError) -> NotWritten {
+    let source = match error {
+        McapError::Io(source) => source,
+        other => std::io::Error::other(other),
+    };
+    NotWritten::new(path, source)
+}
+
+/// The JSON schema of a message.
+fn schema() -> Value {
+    let property = |is_text: bool| json!({ "type": if is_text { "string" } else { "number" } });
+    let properties: Map<String, Value> = COLUMNS
+        .iter()
+        .map(|(name, is_text, _)| (String::from(*name), property(*is_text)))
+        .collect();
+    json!({
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "assist.Tick",
+        "type": "object",
+        "properties": properties,
+    })
+}
+
+/// The messages on [`TOPIC`]. A chunk that was cut off ends the file.
+fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
+    let options = LinearReaderOptions::default()
+        .with_skip_end_magic(true)
+        // Without one the crate adds to a length that may be any.
+        .with_record_length_limit(RECORD_LEN_MAX);
+    let mut reader = LinearReader::new_with_options(options);
+    let (mut channels, mut messages) = (Vec::new(), Vec::new());
+    let (mut rest, mut begun) = (bytes, false);
+    while let Some(event) = reader.next_event() {
+        let record = match event {
+            Ok(LinearReadEvent::ReadRequest(len)) => {
+                let (next, later) = rest.split_at(len.min(rest.len()));
+                reader.insert(next.len()).copy_from_slice(next);
+                reader.notify_read(next.len());
+                rest = later;
+                continue;
+            }
+            // The crate panics at an attachment that is too short, and none is needed.
+            Ok(LinearReadEvent::Record { data, opcode }) => match opcode {
+                op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
+                _ => Ok(None),
+            },
+            Err(error) => Err(error),
+        };
+        match record {
+            Ok(Some(McapRecord::Channel(channel))) if channel.topic == TOPIC => {
+                channels.push(channel.id)
+            }
+            Ok(Some(McapRecord::Message { header, data }))
+                if channels.contains(&header.channel_id) =>
+            {
+                messages.push(data.into_owned());
+            }
+            Ok(_) => {}
+            Err(error) if !begun => return Err(error),
+            Err(_) => break,
+        }
+        begun = true;
+    }
+    Ok(messages)
+}
+
+/// Reads a record that [`McapWriter`] has written; of a file that is cut off, what is whole.
+///
+/// # Errors
+/// It is no such file, or holds no ticks.
+pub fn read(path: &Path) -> Result<Record, BadInput> {
+    let name = path.display().to_string();
+    let bytes = std::fs::read(path)
+        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    parse(&name, &bytes)
+}
+
+/// Reads the same from the bytes of the file `name`.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
+    let bad = |expected: String| BadInput::file(name, expected);
+    let messages = messages(bytes).map_err(|error| bad(format!("an MCAP file, {error}")))?;
+    let mut csv = csv::Writer::from_writer(Vec::new());
+    let _ = csv.write_record(COLUMNS.iter().map(|(name, ..)| name));
+    for message in messages {
+        let fields: Map<String, Value> = serde_json::from_slice(&message)
+            .map_err(|error| bad(format!("messages in JSON, {error}")))?;
+        let cells = COLUMNS.iter().map(|(name, ..)| match fields.get(*name) {
+            Some(Value::String(word)) => word.clone(),
+            Some(Value::Number(number)) => number.to_string(),
+            _ => String::new(),
+        });
+        let _ = csv.write_record(cells);
+    }
+    let record = Record::parse(name, &csv.into_inner().unwrap_or_default())?;
+    if record.time_s().is_empty() {
+        return Err(bad(format!(
+            "`{TIME_S}` in messages on {TOPIC}, found none"
+        )));
+    }
+    Ok(record)
+}

@@ -1,0 +1,165 @@
+//! What effects promise beside those that are there, before they are fitted.
+
+use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, change, starts, tally};
+use crate::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
+use nalgebra::DVector;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Share of the largest promise from a first start up to which others are not looked at.
+const SHARE_OF_FIRST: f64 = 0.1;
+/// Share of a start at which an effect begins.
+const SMALL: f64 = 1e-2;
+
+/// Blocks that stand or fall together, the candidates on them, and the bits of where those and the
+/// nominal values are: what a promise depends on.
+pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
+
+/// Some blocks of a hypothesis, linearized.
+struct Base {
+    residuals: Residuals,
+    slopes: Slopes,
+    priors: Vec<Prior>,
+    /// Their cost where the hypothesis has moved as it would alone: that is nobody's promise.
+    least: f64,
+}
+
+impl<M: Model> Engine<'_, M> {
+    /// What each candidate promises beyond `base`: by how much it would lower the cost of all
+    /// records, if residuals changed in proportion to it, nominal values and effects of `base`
+    /// moved with it; the best of its starts. The predicted records count, as an effect may not be
+    /// moved in the others. Costs one evaluation a start, or two; beside others, what promises
+    /// little from its first start is left at that, and an effect of `base` promises nothing. What
+    /// all starts have promised where `base` is no other is known.
+    pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
+        let all = self.model.candidates();
+        let groups = self.groups(&base.candidates);
+        let places: Vec<Place> = all.iter().map(|c| self.place(base, &groups, c)).collect();
+        let has = |effect| base.candidates.iter().any(|own| all[*own].effect == effect);
+        let known: Vec<Option<f64>> = {
+            let promised = self.promised.lock().ok()?;
+            let known = |(c, place): (usize, &Place)| {
+                let known = promised.get(&(place.clone(), c)).copied();
+                has(all[c].effect).then_some(0.0).or(known)
+            };
+            places.iter().enumerate().map(known).collect()
+        };
+        let mut bases = BTreeMap::new();
+        for (place, known) in places.iter().zip(&known) {
+            if known.is_none() && !bases.contains_key(place) {
+                bases.insert(place, self.base(base, place)?);
+            }
+        }
+        let promise = |c: usize, start: &[f64]| {
+            let Base {
+                residuals,
+                slopes,
+                priors,
+                least,
+            } = &bases[&places[c]];
+            let values = all[c].parameters.iter().zip(start);
+            let mut with = base.fit.effects.clone();
+            with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
+            let with = (&base.fit.nominal[..], &with[..]);
+            let moves = |block| all[c].blocks.contains(&block);
+            let pieces = (self.model.records(), &places[c].0[..]);
+            let change = change(self.model, pieces, &moves, with, (residuals, false))?;
+            Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
+        };
+        // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
+        let begins = |c: usize, start: &[f64]| {
+            let mut blocks = all[c].blocks.iter();
+            if blocks.all(|block| self.model.proportional(*block)) {
+                return None;
+            }
+            promise(c, &small(&all[c].parameters, start))
+        };
+        let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
+        let first = (0..all.len()).into_par_iter().map(|c| {
+            let start = starts[c].first()?;
+            let tried = || [promise(c, start), begins(c, start)];
+            known[c].or_else(|| tried().into_iter().flatten().reduce(f64::max))
+        });
+        let first: Vec<Option<f64>> = first.collect();
+        let most = first.iter().flatten().copied().fold(0.0, f64::max);
+        // The best, and whether all starts have been tried for it.
+        let best = |c: usize| {
+            let first_promise = first[c].unwrap_or(0.0).max(0.0);
+            if known[c].is_some() {
+                return (first_promise, true);
+            }
+            let little = first[c].is_some() && first_promise < SHARE_OF_FIRST * most;
+            if little && !base.candidates.is_empty() {
+                return (first_promise, false);
+            }
+            let others = starts[c].par_iter().skip(1);
+            let others = others.filter_map(|start| promise(c, start));
+            (others.reduce(|| first_promise, f64::max), true)
+        };
+        let promises: Vec<(f64, bool)> = (0..all.len()).into_par_iter().map(best).collect();
+        let mut promised = self.promised.lock().ok()?;
+        for (c, place) in places.into_iter().enumerate() {
+            if let (None, (promise, true)) = (known[c], promises[c]) {
+                promised.insert((place, c), promise);
+            }
+        }
+        Some(promises.into_iter().map(|(promise, _)| promise).collect())
+    }
+
+    /// What a promise of `candidate` beside `base`, whose blocks are tied in `groups`, depends on.
+    fn place(&self, base: &Hypothesis, groups: &[Key], candidate: &Candidate) -> Place {
+        let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
+        let touched = groups.iter().filter(|(blocks, _)| own(blocks)).cloned();
+        let (blocks, candidates): (Vec<_>, Vec<_>) = touched.unzip();
+        let (blocks, candidates) = (blocks.concat(), candidates.concat());
+        let x = self.coordinates(base, &self.free(&blocks), &candidates);
+        (
+            blocks,
+            candidates,
+            x.into_iter().map(f64::to_bits).collect(),
+        )
+    }
+
+    fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base> {
+        let free = self.free(blocks);
+        let x = self.coordinates(base, &free, candidates);
+        let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        problem.records = self.model.records();
+        let found = at(&mut problem, DVector::from_vec(x))?;
+        let slopes = problem.slopes(&found.x, &found.residuals)?;
+        let mut priors = problem.priors(&found.x);
+        let least = linearized_least(&found.residuals, &slopes, &priors);
+        // The candidate's share has none.
+        priors.push((0.0, 0.0));
+        Some(Base {
+            residuals: found.residuals,
+            slopes,
+            priors,
+            least,
+        })
+    }
+}
+
+/// The least cost of residuals that change in proportion to coordinates. What dead zones hide of
+/// the noise is added to it: a wider one promises nothing by that alone.
+fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) -> f64 {
+    let linearized = Linearized {
+        residuals,
+        slopes,
+        priors,
+        damping: DVector::from_element(priors.len(), 1e-9),
+    };
+    let step = linearized.minimum();
+    let rows = tally(&linearized.moved(&step), 0);
+    linearized.cost(&step) + rows.cost - rows.outside
+}
+
+/// `start` with the sizes that it begins with.
+fn small(parameters: &[Parameter], start: &[f64]) -> Vec<f64> {
+    let pairs = parameters.iter().zip(start);
+    let small = pairs.map(|(p, x)| match p.neutral.map(|none| p.coordinate(none)) {
+        Some(none) if !p.log => none + SMALL * (x - none),
+        _ => *x,
+    });
+    small.collect()
+}

@@ -1,0 +1,38 @@
+//! The catalogue: every effect that a rig may name.
+
+use super::kind::EffectKind;
+use std::sync::Arc;
+
+/// The effects that a rig may name.
+#[derive(Clone, Debug)]
+pub struct Catalogue {
+    kinds: Arc<[&'static EffectKind]>,
+}
+
+impl Catalogue {
+    /// The effects of this crate.
+    pub fn standard() -> Catalogue {
+        Catalogue {
+            kinds: super::STANDARD.into(),
+        }
+    }
+
+    /// This catalogue with one effect more.
+    #[must_use]
+    pub fn with(self, kind: &'static EffectKind) -> Catalogue {
+        Catalogue {
+            kinds: self.kinds().chain([kind]).collect(),
+        }
+    }
+
+    /// Every effect, subsystem by subsystem.
+    pub fn kinds(&self) -> impl Iterator<Item = &'static EffectKind> + Clone + use<> {
+        let kinds = Arc::clone(&self.kinds);
+        (0..kinds.len()).map(move |place| kinds[place])
+    }
+
+    /// The effect of that name.
+    pub fn find(&self, name: &str) -> Option<&'static EffectKind> {
+        self.kinds().find(|kind| kind.name == name)
+    }
+}

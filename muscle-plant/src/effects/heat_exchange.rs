@@ -1,0 +1,102 @@
+//! `heat-exchange`: the air gives its heat to the muscle's walls faster than the nominal h says.
+
+use super::{EffectKind, Form, Parameter};
+use crate::subsystem::Term;
+use crate::subsystem::gas::{Exchange, GasPoint, GasTerm};
+use crate::subsystem::term::Dynamics;
+
+/// A wall that nothing warms, to rounding \[J/(m²·K)\].
+const LARGE_J_PER_M2_K: f64 = 1e12;
+
+const FACTOR: Parameter = Parameter::new("factor", "1", (1e-2, 1e3), 5.0)
+    .log()
+    .neutral(1.0);
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "heat-exchange",
+    place: "gas",
+    signature: "The pressure overshoots or recovers within 0.05 to 0.5 s of a fast step.",
+    test_signal: "steps with the valve shut just after them; the pressure recovers within half a \
+                 second.",
+    forms: &[
+        Form {
+            name: "factor",
+            parameters: &[FACTOR],
+            source: "The nominal coefficient times a factor, to walls at ambient temperature. \
+                     Leaves out walls that warm up, and a coefficient that goes with the flow.",
+            build: |values| Term::Gas(Box::new(Factor { factor: values[0] })),
+        },
+        Form {
+            name: "wall",
+            parameters: &[
+                FACTOR,
+                Parameter::new(
+                    "wall_heat_capacity_j_per_m2_k",
+                    "J/(m²·K)",
+                    (1.0, LARGE_J_PER_M2_K),
+                    1e3,
+                )
+                .log()
+                .neutral(LARGE_J_PER_M2_K),
+            ],
+            source: "The same to a wall that stores heat and passes it on to still air outside at \
+                     10 W/(m²·K). Leaves out the temperature's profile within the wall.",
+            build: |values| {
+                Term::Gas(Box::new(Wall {
+                    factor: values[0],
+                    heat_capacity_j_per_m2_k: values[1],
+                }))
+            },
+        },
+    ],
+};
+
+struct Factor {
+    factor: f64,
+}
+
+impl Dynamics<GasPoint> for Factor {}
+
+impl GasTerm for Factor {
+    fn exchange(&self, _: &GasPoint, _: &[f64], exchange: &mut Exchange) {
+        exchange.heat_transfer_w_per_m2_k *= self.factor;
+    }
+}
+
+/// Heat transfer of a wall to still air \[W/(m²·K)\].
+const OUTSIDE_W_PER_M2_K: f64 = 10.0;
+/// Unit of the state \[K\].
+const STATE_K: f64 = 100.0;
+
+/// The state is by how much the wall is warmer than the surroundings.
+struct Wall {
+    factor: f64,
+    heat_capacity_j_per_m2_k: f64,
+}
+
+impl Dynamics<GasPoint> for Wall {
+    fn states(&self) -> usize {
+        1
+    }
+
+    // Gas and wall at rest are as warm as the surroundings.
+    fn steady_state(&self, _: &GasPoint, state: &mut [f64]) {
+        state[0] = 0.0;
+    }
+
+    fn rates(&self, at: &GasPoint, state: &[f64], rates: &mut [f64]) {
+        let excess_k = state[0] * STATE_K;
+        let gas_excess_k = at.temperature_k - at.ambient_temperature_k;
+        let inside_w_per_m2_k = self.factor * at.heat_transfer_w_per_m2_k;
+        let heat_w_per_m2 =
+            inside_w_per_m2_k * (gas_excess_k - excess_k) - OUTSIDE_W_PER_M2_K * excess_k;
+        rates[0] = heat_w_per_m2 / (self.heat_capacity_j_per_m2_k * STATE_K);
+    }
+}
+
+impl GasTerm for Wall {
+    fn exchange(&self, _: &GasPoint, state: &[f64], exchange: &mut Exchange) {
+        exchange.heat_transfer_w_per_m2_k *= self.factor;
+        exchange.wall_temperature_k += state[0] * STATE_K;
+    }
+}

@@ -1,0 +1,83 @@
+//! `transport-delay`: the reference reaches the valve late.
+
+use super::{EffectKind, Form, Parameter, STATE_PA};
+use crate::subsystem::Term;
+use crate::subsystem::line::{LinePoint, LineTerm};
+use crate::subsystem::term::Dynamics;
+use model_core::pressure::GaugePa;
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "transport-delay",
+    place: "line",
+    signature: "Nothing moves for a fixed time after each change of the reference.",
+    test_signal: "steps sampled at 1 kHz; a delay leaves a flat beginning, a lag none.",
+    forms: &[
+        Form {
+            name: "pure",
+            parameters: &[DELAY_S],
+            source: "Pure delay of the command. Leaves out the rounding of a long hose.",
+            build: |values| delay(values[0], 0.0),
+        },
+        Form {
+            name: "dispersed",
+            parameters: &[
+                DELAY_S,
+                Parameter::new("dispersion", "1", (0.0, 0.5), 0.2).ends_at_max(),
+            ],
+            source: "A command that arrives spread about its delay, with a standard deviation of \
+                     this share of it: a shorter delay and two equal lags (tanks in series, \
+                     Levenspiel 1999), which below 2.5 ms are none. Leaves out a bus that samples.",
+            build: |values| delay(values[0], values[1]),
+        },
+    ],
+};
+
+const DELAY_S: Parameter = Parameter::new("delay_s", "s", (0.0, 1.0), 0.03).neutral(0.0);
+
+/// Shorter lags are not told from a delay in rows of 10 ms, and too stiff where each has another
+/// reference \[s\].
+const LAG_S_MIN: f64 = 2.5e-3;
+
+fn delay(delay_s: f64, dispersion: f64) -> Term {
+    // Of two lags the variances add.
+    let lag_s = dispersion * delay_s * std::f64::consts::FRAC_1_SQRT_2;
+    let lag_s = if lag_s < LAG_S_MIN { 0.0 } else { lag_s };
+    Term::Line(Box::new(TransportDelay {
+        pure_s: delay_s - 2.0 * lag_s,
+        lag_s,
+    }))
+}
+
+/// The states are the command behind each lag.
+struct TransportDelay {
+    pure_s: f64,
+    /// Time constant of each lag.
+    lag_s: f64,
+}
+
+impl Dynamics<LinePoint> for TransportDelay {
+    fn states(&self) -> usize {
+        if self.lag_s > 0.0 { 2 } else { 0 }
+    }
+
+    fn steady_state(&self, at: &LinePoint, state: &mut [f64]) {
+        state.fill(at.reference.0 / STATE_PA);
+    }
+
+    fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
+        rates[0] = (at.reference.0 / STATE_PA - state[0]) / self.lag_s;
+        rates[1] = (state[0] - state[1]) / self.lag_s;
+    }
+}
+
+impl LineTerm for TransportDelay {
+    fn delay_s(&self) -> f64 {
+        self.pure_s
+    }
+
+    fn reference(&self, _: &LinePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .last()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
+    }
+}

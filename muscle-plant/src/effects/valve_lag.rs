@@ -1,0 +1,106 @@
+//! `valve-lag`: the valve follows its reference with a lag.
+
+use super::{EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
+use crate::subsystem::Term;
+use crate::subsystem::term::Dynamics;
+use crate::subsystem::valve::{ValvePoint, ValveTerm};
+use model_core::pressure::GaugePa;
+
+const TIME_CONSTANT_S: Parameter =
+    Parameter::new("time_constant_s", "s", (0.0, 2.0), 0.03).neutral(0.0);
+
+pub(super) const KIND: EffectKind = EffectKind {
+    name: "valve-lag",
+    place: "valve",
+    signature: "Every change of the pressure is rounded by the same time constant, at any amplitude.",
+    test_signal: "steps of 20, 50, 100 and 200 kPa; the same rounding at every size is a lag.",
+    forms: &[
+        Form {
+            name: "first-order",
+            parameters: &[TIME_CONSTANT_S],
+            source: "First-order lag of the reference; below 0.02 ms none. Leaves out a \
+                     second-order spool.",
+            build: |values| {
+                Term::Valve(Box::new(FirstOrder {
+                    time_constant_s: values[0],
+                }))
+            },
+        },
+        Form {
+            name: "second-order",
+            parameters: &[
+                TIME_CONSTANT_S,
+                Parameter::new("damping_ratio", "1", (0.1, 5.0), 0.7).log(),
+            ],
+            source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): a spool's mass on its \
+                     spring; below 0.02 ms none. Leaves out its limits of travel and speed.",
+            build: |values| {
+                Term::Valve(Box::new(SecondOrder {
+                    time_constant_s: values[0],
+                    damping_ratio: values[1],
+                }))
+            },
+        },
+    ],
+};
+
+/// The state is the lagging reference.
+struct FirstOrder {
+    time_constant_s: f64,
+}
+
+impl Dynamics<ValvePoint> for FirstOrder {
+    fn states(&self) -> usize {
+        usize::from(self.time_constant_s >= INSTANT_S)
+    }
+
+    fn steady_state(&self, at: &ValvePoint, state: &mut [f64]) {
+        state[0] = at.reference.0 / STATE_PA;
+    }
+
+    fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
+        rates[0] = (at.reference.0 / STATE_PA - state[0]) / self.time_constant_s;
+    }
+}
+
+impl ValveTerm for FirstOrder {
+    fn reference(&self, _: &ValvePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .first()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
+    }
+}
+
+/// The states are the lagging reference and its rate times the time constant.
+struct SecondOrder {
+    time_constant_s: f64,
+    damping_ratio: f64,
+}
+
+impl Dynamics<ValvePoint> for SecondOrder {
+    fn states(&self) -> usize {
+        if self.time_constant_s >= INSTANT_S {
+            2
+        } else {
+            0
+        }
+    }
+
+    fn steady_state(&self, at: &ValvePoint, state: &mut [f64]) {
+        state.copy_from_slice(&[at.reference.0 / STATE_PA, 0.0]);
+    }
+
+    fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
+        let pull = at.reference.0 / STATE_PA - state[0] - 2.0 * self.damping_ratio * state[1];
+        rates[0] = state[1] / self.time_constant_s;
+        rates[1] = pull / self.time_constant_s;
+    }
+}
+
+impl ValveTerm for SecondOrder {
+    fn reference(&self, _: &ValvePoint, state: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
+        state
+            .first()
+            .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
+    }
+}

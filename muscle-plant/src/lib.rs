@@ -1,0 +1,6 @@
+#![doc = include_str!("../README.md")]
+
+pub mod effects;
+pub mod nominal;
+pub mod simulation;
+pub mod subsystem;

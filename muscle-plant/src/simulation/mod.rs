@@ -1,0 +1,17 @@
+//! The plant in time: how the subsystems connect, what drives them, and adaptive steps between
+//! located events.
+
+mod drive;
+mod events;
+mod integrate;
+mod plant;
+mod run;
+mod trajectory;
+
+pub use drive::{Drive, Ramp, Regime, Simulated};
+pub use plant::{
+    CONTRACTION, CONTRACTION_RATE, NOMINAL_STATES, PRESSURE, Plant, PlantError, Pneumatics,
+    STATES_MAX, TEMPERATURE,
+};
+pub use run::Simulation;
+pub use trajectory::{Initial, SimulationError, TOLERANCE, Work};
