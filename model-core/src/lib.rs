@@ -47,3 +47,7 @@ pub mod supervisor;
 pub mod timing;
 pub mod valve;
 pub mod voted;
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
