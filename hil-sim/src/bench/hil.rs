@@ -1,64 +1,52 @@
-//! Hardware in the loop: the assist experiment with the plant here and the controller on a board,
-//! tick by tick over the link.
+//! Hardware in the loop: the closed loop with the plant in this program and the controller on a
+//! board, tick by tick over the link.
 //!
-//! The plant waits for the board: a tick that comes late makes the experiment slower, not wrong.
+//! The plant waits for the board: a tick that comes late slows the run down and does not change it.
 
 use crate::bench::board_report::BoardReport;
-use crate::bench::closed_loop::{self, Experiment, Tick, Ticker};
-use crate::bench::link::{Answer, Client, LinkError, Port};
-use crate::bench::recorder::{Recorder, Row};
+use crate::bench::closed_loop::{Run, run_on};
+use crate::bench::error::Error;
+use crate::bench::port::ControllerPort;
+use crate::bench::port::client::{Answer, Client, LinkError, Transport};
+use crate::bench::recorder::Recorder;
+use crate::bench::tick::Tick;
 use crate::bench::view::View;
-use crate::error::BadInput;
-use crate::output::NotWritten;
+use crate::record::columns::Row;
 use crate::rig::Rig;
 use model_core::io::{Output, Sensors};
 use model_core::settings::Settings;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Why an experiment did not come to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The board.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// The rig.
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    /// The record.
-    #[error(transparent)]
-    NotWritten(#[from] NotWritten),
-}
-
-/// What is to be run.
+/// A run to be executed with hardware in the loop.
 pub struct Job<'a> {
-    /// The plant.
+    /// The rig whose plant is simulated.
     pub rig: &'a Rig,
     /// The board's settings.
     pub settings: Settings,
-    /// What the hand does.
-    pub experiment: &'a Experiment,
-    /// Wait for real time, for those who watch an emulated board.
+    /// The run.
+    pub run: &'a Run,
+    /// Slow an emulated board down to real time, for the screen.
     pub real_time: bool,
-    /// Told of the experiment's name, each tick, and the duration \[s\].
+    /// Called after each tick with the name of the run, the tick and the duration \[s\].
     pub progress: fn(&str, &Tick, f64),
 }
 
-/// The board as the experiment's controller.
-struct InTheLoop<'a, P> {
+/// A board as the controller of a run.
+struct BoardController<'a, P> {
     client: &'a mut Client<P>,
     name: &'a str,
     job: &'a Job<'a>,
     recorder: &'a mut Recorder,
     view: &'a Mutex<View>,
     answer: Option<Answer>,
-    begins: bool,
+    starts: bool,
     ticks: Vec<Tick>,
     report: BoardReport,
     real_time_from: Option<Instant>,
 }
 
-impl<P: Port> Ticker for InTheLoop<'_, P> {
+impl<P: Transport> ControllerPort for BoardController<'_, P> {
     type Error = Error;
 
     fn tick(&mut self, sensors: &Sensors) -> Result<Output, Error> {
@@ -68,14 +56,14 @@ impl<P: Port> Ticker for InTheLoop<'_, P> {
         Ok(answer.output)
     }
 
-    fn seen(&mut self, tick: Tick) -> Result<(), Error> {
+    fn observe(&mut self, tick: Tick) -> Result<(), Error> {
         let answer = self.answer.take();
         let telemetry = answer.and_then(|answer| answer.telemetry);
-        let began_anew = answer.is_some_and(|answer| answer.began_anew);
-        let begins = std::mem::take(&mut self.begins) || began_anew;
+        let restarted = answer.is_some_and(|answer| answer.restarted);
+        let starts = std::mem::take(&mut self.starts) || restarted;
         self.recorder.push(&Row {
-            board: telemetry.map(|told| (told.tick, told.source, told.timing)),
-            begins_with: begins.then_some(self.job.settings),
+            board: telemetry.map(|telemetry| (telemetry.tick, telemetry.source, telemetry.timing)),
+            start_settings: starts.then_some(self.job.settings),
             ..tick.row()
         })?;
         self.report.link = self.client.counts();
@@ -83,11 +71,11 @@ impl<P: Port> Ticker for InTheLoop<'_, P> {
         if let Ok(mut view) = self.view.lock() {
             view.ticks.push(tick);
             view.report = self.report;
-            view.told_at = Some(Instant::now());
-            view.timing = telemetry.map(|told| told.timing).or(view.timing);
+            view.answered_at = Some(Instant::now());
+            view.timing = telemetry.map(|telemetry| telemetry.timing).or(view.timing);
             view.log(log);
         }
-        (self.job.progress)(self.name, &tick, self.job.experiment.duration_s);
+        (self.job.progress)(self.name, &tick, self.job.run.duration_s);
         self.ticks.push(tick);
         if let Some(from) = self.real_time_from {
             let due = from + Duration::from_secs_f64(tick.time_s);
@@ -97,13 +85,13 @@ impl<P: Port> Ticker for InTheLoop<'_, P> {
     }
 }
 
-/// Runs the experiment `name`, writes its record, and shows it in `view`. One that the user stops
-/// ends there.
+/// Executes the run of `job` under the given name, writes its record, and shows it in `view`. If
+/// the user stops it, the ticks so far are the result.
 ///
 /// # Errors
-/// The board does not answer any more, or the plant or the record has failed; then the record
-/// holds what was before.
-pub fn run<P: Port>(
+/// The board no longer answers, the plant has no solution, or the record cannot be written; the
+/// record then holds the ticks so far.
+pub fn run<P: Transport>(
     client: &mut Client<P>,
     name: &str,
     job: &Job,
@@ -111,22 +99,22 @@ pub fn run<P: Port>(
     view: &Mutex<View>,
 ) -> Result<(Vec<Tick>, BoardReport), Error> {
     if let Ok(mut view) = view.lock() {
-        view.begin(name, job.experiment.duration_s);
+        view.begin(name, job.run.duration_s);
     }
-    client.begin_anew()?;
-    let mut board = InTheLoop {
+    client.restart_in_loop()?;
+    let mut board = BoardController {
         client,
         name,
         job,
         recorder: &mut recorder,
         view,
         answer: None,
-        begins: true,
+        starts: true,
         ticks: Vec::new(),
         report: BoardReport::default(),
         real_time_from: job.real_time.then(Instant::now),
     };
-    let ran = closed_loop::run_with(job.rig, &job.settings, job.experiment, &mut board);
+    let ran = run_on(job.rig, &job.settings, job.run, &mut board);
     let (ticks, report) = (board.ticks, board.report);
     recorder.finish()?;
     match ran {

@@ -1,15 +1,15 @@
-//! Replay: a record's inputs once more through a controller, here or on a board, and tick by tick
-//! the question whether it decides the same.
+//! Replay: feeds a record's inputs to a controller again, in this program or on a board, and compares
+//! its outputs tick by tick.
 //!
-//! A record can be compared from where its controller began anew, as from there on its state is
-//! known, up to where ticks are missing.
+//! A record can be compared from a start of its controller, when its state is known, up to the first
+//! missing tick.
 
-use crate::bench::closed_loop::settings_with;
-use crate::bench::link::{Client, LinkError, Port};
-use crate::bench::recorder::{COLUMNS, Cell, Row};
+use crate::bench::board_settings;
+use crate::bench::error::Error;
+use crate::bench::port::client::{Client, LinkError, Transport};
 use crate::error::BadInput;
+use crate::record::columns::{COLUMNS, Cell, Row};
 use crate::record::{self, Record};
-use crate::rig::Rig;
 use model_core::controller::Controller;
 use model_core::io::{Output, Request, Sensors};
 use model_core::settings::Settings;
@@ -17,7 +17,7 @@ use model_core::signal::{AdcCount, EncoderCount};
 use serde::Serialize;
 use std::ops::Range;
 
-/// The columns that are compared, those of the valve first.
+/// The columns that are compared, in the order in which differences are reported.
 const COMPARED: [&str; 8] = [
     record::VALVE_COUNT,
     record::MODE,
@@ -29,53 +29,53 @@ const COMPARED: [&str; 8] = [
     record::PRESSURE_PA,
 ];
 
-/// How often a stretch is tried on a board that loses its controller's state on the way.
+/// How often a segment is tried on a board whose controller restarts during it.
 const ATTEMPTS: usize = 3;
 
-/// A record's inputs.
+/// A record's inputs, and its segments that can be replayed.
 pub struct Inputs<'a> {
     record: &'a Record,
     sensors: Vec<Sensors>,
-    stretches: Vec<(Settings, Range<usize>)>,
+    segments: Vec<(Settings, Range<usize>)>,
 }
 
 impl<'a> Inputs<'a> {
-    /// Takes the inputs out of `record`.
+    /// Reads the inputs of `record`.
     ///
     /// # Errors
-    /// It lacks them, or the settings of its controller.
+    /// The record lacks inputs, or the settings of its controller.
     pub fn new(record: &'a Record) -> Result<Inputs<'a>, BadInput> {
         let sensors = sensors(record)?;
-        let begins = begins(record)?;
-        let mut stretches: Vec<(Settings, Range<usize>)> = Vec::new();
-        // Whether the last row belongs to a stretch.
+        let starts = starts(record)?;
+        let mut segments: Vec<(Settings, Range<usize>)> = Vec::new();
+        // Whether the last row belongs to a segment.
         let mut known = false;
-        for (row, begin) in begins.into_iter().enumerate() {
-            if let Some(settings) = begin {
-                stretches.push((settings, row..row));
+        for (row, start) in starts.into_iter().enumerate() {
+            if let Some(settings) = start {
+                segments.push((settings, row..row));
                 known = true;
             }
-            known = known && (begin.is_some() || follows(record, row));
-            if let (true, Some((_, rows))) = (known, stretches.last_mut()) {
+            known = known && (start.is_some() || follows(record, row));
+            if let (true, Some((_, rows))) = (known, segments.last_mut()) {
                 rows.end = row + 1;
             }
         }
-        if stretches.is_empty() {
-            let why = "the controller's settings where it has begun anew (a recording from the \
-                       start), found none";
+        if segments.is_empty() {
+            let why = "the controller's settings at a start of the controller (a recording with \
+                       --from-start), found none";
             return Err(record.bad(record::SETTINGS, why));
         }
         record.require(record::VALVE_COUNT)?;
         Ok(Inputs {
             record,
             sensors,
-            stretches,
+            segments,
         })
     }
 
-    /// Ticks that can be compared.
+    /// Number of ticks that can be compared.
     pub fn ticks(&self) -> usize {
-        self.stretches.iter().map(|(_, rows)| rows.len()).sum()
+        self.segments.iter().map(|(_, rows)| rows.len()).sum()
     }
 }
 
@@ -133,8 +133,8 @@ fn sensors(record: &Record) -> Result<Vec<Sensors>, BadInput> {
         .collect()
 }
 
-/// The settings that the controller begins anew with, where it does.
-fn begins(record: &Record) -> Result<Vec<Option<Settings>>, BadInput> {
+/// For each row, the settings of a controller that starts in it.
+fn starts(record: &Record) -> Result<Vec<Option<Settings>>, BadInput> {
     let cells = record.require_text(record::SETTINGS)?;
     let rows = cells.iter().zip(record.time_s());
     rows.map(|(cell, time_s)| {
@@ -160,8 +160,8 @@ fn unhex(digits: &str) -> Option<Vec<u8>> {
     rest.is_empty().then_some(bytes)
 }
 
-/// True unless ticks are missing before `row`. With hardware in the loop a board also counts the
-/// ticks in which its controller stands still.
+/// True unless ticks are missing before `row`. With hardware in the loop a board also counts ticks
+/// in which its controller does not tick.
 fn follows(record: &Record, row: usize) -> bool {
     let from_pins = record
         .text(record::SOURCE)
@@ -174,30 +174,19 @@ fn follows(record: &Record, row: usize) -> bool {
     }
 }
 
-/// Where a controller runs that is to do it again.
+/// A controller for a replay.
 pub trait Replayer {
-    /// Begins a controller with `settings`.
+    /// Starts the controller with `settings`.
     ///
     /// # Errors
-    /// There is none to be had.
-    fn begin(&mut self, settings: &Settings) -> Result<(), Error>;
+    /// The board has other settings or does not answer.
+    fn start(&mut self, settings: &Settings) -> Result<(), Error>;
 
-    /// One tick; none if the controller has meanwhile begun anew.
+    /// One tick; none if the controller has restarted since the last one.
     ///
     /// # Errors
-    /// There is none any more.
+    /// The board no longer answers.
     fn tick(&mut self, sensors: &Sensors) -> Result<Option<Output>, Error>;
-}
-
-/// Why a replay did not come to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum Error {
-    /// The record, or the board's settings.
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    /// The board.
-    #[error(transparent)]
-    Link(#[from] LinkError),
 }
 
 /// A controller in this program.
@@ -205,7 +194,7 @@ pub enum Error {
 pub struct OnPc(Option<Controller>);
 
 impl Replayer for OnPc {
-    fn begin(&mut self, settings: &Settings) -> Result<(), Error> {
+    fn start(&mut self, settings: &Settings) -> Result<(), Error> {
         self.0 = Some(Controller::new(*settings));
         Ok(())
     }
@@ -215,70 +204,28 @@ impl Replayer for OnPc {
     }
 }
 
-/// The firmware, with hardware in the loop.
+/// A controller on a board, with hardware in the loop.
 pub struct OnBoard<'a, P> {
-    /// The way to it.
+    /// The link to it.
     pub client: &'a mut Client<P>,
-    /// What the port is called.
+    /// Name of the port.
     pub port: &'a str,
-    /// Whether other settings may be stored on it.
+    /// Whether the record's settings may be stored on it.
     pub may_write_settings: bool,
 }
 
-impl<P: Port> Replayer for OnBoard<'_, P> {
-    fn begin(&mut self, settings: &Settings) -> Result<(), Error> {
+impl<P: Transport> Replayer for OnBoard<'_, P> {
+    fn start(&mut self, settings: &Settings) -> Result<(), Error> {
         let may_write = self.may_write_settings;
-        store(self.client, *settings, self.port, "the record", may_write)?;
-        self.client.begin_anew()?;
+        board_settings::ensure(self.client, *settings, self.port, "the record", may_write)?;
+        self.client.restart_in_loop()?;
         Ok(())
     }
 
     fn tick(&mut self, sensors: &Sensors) -> Result<Option<Output>, Error> {
         let answer = self.client.exchange(sensors)?;
-        Ok((!answer.began_anew).then_some(answer.output))
+        Ok((!answer.restarted).then_some(answer.output))
     }
-}
-
-fn other_settings(port: &str, whose: &str) -> BadInput {
-    let why = format!(
-        "a board with the settings of {whose}, found other ones: \
-         --write-settings stores them on the board"
-    );
-    BadInput::file(port, why)
-}
-
-/// The board's settings, those of `rig` among them; stores them if they are not.
-///
-/// # Errors
-/// They are others, and may not be stored.
-pub fn settle<P: Port>(
-    client: &mut Client<P>,
-    rig: &Rig,
-    port: &str,
-    may_write_settings: bool,
-) -> Result<Settings, Error> {
-    let wanted = settings_with(rig, &client.settings()?)?;
-    store(client, wanted, port, "the rig", may_write_settings)
-}
-
-/// The settings that are `wanted`, stored on the board if it has others; `whose` in words.
-///
-/// # Errors
-/// They are others, and may not be stored.
-pub fn store<P: Port>(
-    client: &mut Client<P>,
-    wanted: Settings,
-    port: &str,
-    whose: &str,
-    may_write_settings: bool,
-) -> Result<Settings, Error> {
-    if *wanted.values() != client.settings()? {
-        if !may_write_settings {
-            return Err(other_settings(port, whose).into());
-        }
-        client.write_settings(wanted.values())?;
-    }
-    Ok(wanted)
 }
 
 /// Where a replay first differs from its record.
@@ -290,34 +237,34 @@ pub struct Divergence {
     pub time_s: f64,
     /// The column.
     pub column: &'static str,
-    /// What it holds.
+    /// The recorded value.
     pub recorded: String,
-    /// What came out now.
+    /// The replayed value.
     pub replayed: String,
-    /// The difference, of numbers.
+    /// The difference of numbers.
     pub difference: Option<f64>,
 }
 
-/// What came of a replay.
+/// The result of a replay.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Replay {
     /// Ticks of the record.
     pub ticks: usize,
-    /// Ticks that were compared; the others come before the controller's first known start, or
-    /// after missing ones.
+    /// Ticks that were compared; the others are before the controller's first known start, or after
+    /// a missing tick.
     pub compared_ticks: usize,
     /// Ticks that differ in any output.
     pub differing_ticks: usize,
-    /// How often the controller has begun anew.
+    /// Starts of the controller.
     pub starts: usize,
-    /// The first that differs.
+    /// The first difference.
     pub first_divergence: Option<Divergence>,
     /// The largest difference of each output that differs.
     pub largest_differences: Vec<(&'static str, f64)>,
 }
 
 impl Replay {
-    /// In words.
+    /// The result in words.
     pub fn verdict(&self) -> String {
         let (differing, compared) = (self.differing_ticks, self.compared_ticks);
         let mut words = format!("{differing} of {compared} ticks differ.");
@@ -344,10 +291,10 @@ impl Replay {
     }
 }
 
-/// Replays `inputs`; `progress` is told how many ticks are done.
+/// Replays `inputs` on the controller `on`; `progress` is called with the number of finished ticks.
 ///
 /// # Errors
-/// The controller cannot be had, or forgets its state each time.
+/// The controller does not answer, or restarts in each attempt.
 pub fn replay(
     inputs: &Inputs,
     on: &mut impl Replayer,
@@ -355,14 +302,14 @@ pub fn replay(
 ) -> Result<Replay, Error> {
     let mut result = Replay {
         ticks: inputs.sensors.len(),
-        starts: inputs.stretches.len(),
+        starts: inputs.segments.len(),
         ..Replay::default()
     };
-    for (settings, rows) in &inputs.stretches {
+    for (settings, rows) in &inputs.segments {
         let mut outputs = None;
         for _ in 0..ATTEMPTS {
             let done = result.compared_ticks;
-            outputs = stretch(on, settings, &inputs.sensors[rows.clone()], |ticks| {
+            outputs = segment(on, settings, &inputs.sensors[rows.clone()], |ticks| {
                 progress(done + ticks);
             })?;
             if outputs.is_some() {
@@ -378,14 +325,14 @@ pub fn replay(
     Ok(result)
 }
 
-/// The outputs over a stretch; none if the controller has begun anew on the way.
-fn stretch(
+/// The outputs over a segment; none if the controller has restarted during it.
+fn segment(
     on: &mut impl Replayer,
     settings: &Settings,
     sensors: &[Sensors],
     mut progress: impl FnMut(usize),
 ) -> Result<Option<Vec<Output>>, Error> {
-    on.begin(settings)?;
+    on.start(settings)?;
     let mut outputs = Vec::with_capacity(sensors.len());
     for sensors in sensors {
         let Some(output) = on.tick(sensors)? else {
@@ -407,7 +354,7 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
         output: *output,
         plant: None,
         board: None,
-        begins_with: None,
+        start_settings: None,
     };
     let mut differs = false;
     for (column, _, value) in COLUMNS {
@@ -422,7 +369,7 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
         if let Some(difference) = difference {
             let largest = &mut result.largest_differences;
             match largest.iter_mut().find(|(name, _)| *name == column) {
-                Some((_, most)) => *most = most.max(difference.abs()),
+                Some((_, largest)) => *largest = largest.max(difference.abs()),
                 None => largest.push((column, difference.abs())),
             }
         }
@@ -438,8 +385,8 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
     result.differing_ticks += usize::from(differs);
 }
 
-/// Recorded and replayed value of an output, and their difference; none if they are the same to
-/// the last bit, or the record has no value there.
+/// Recorded and replayed value of an output, and their difference; none if they are equal to the
+/// last bit, or the record has no value there.
 fn difference(
     record: &Record,
     row: usize,

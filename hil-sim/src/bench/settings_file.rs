@@ -1,4 +1,4 @@
-//! A board's settings as TOML: the names, units and values of [`SettingsValues`], all of them.
+//! A board's settings as TOML, with all names, units and values of [`SettingsValues`].
 
 use crate::error::BadInput;
 use model_core::settings::{Settings, SettingsValues};
@@ -6,8 +6,8 @@ use std::path::Path;
 
 /// The settings as TOML, which reads back to the same values.
 pub fn to_toml(values: &SettingsValues) -> String {
-    // Through JSON, whose writer gives an f32 the fewest digits that are that f32. A plain struct
-    // of numbers is both JSON and TOML.
+    // By way of JSON, whose writer gives an f32 its shortest exact digits. A plain struct of numbers
+    // is valid in both formats.
     let json = serde_json::to_string(values).unwrap_or_default();
     let value: serde_json::Value = serde_json::from_str(&json).unwrap_or_default();
     let toml = toml_edit::ser::to_string_pretty(&value).unwrap_or_default();
@@ -17,7 +17,8 @@ pub fn to_toml(values: &SettingsValues) -> String {
 /// Reads and checks settings.
 ///
 /// # Errors
-/// No such file, no TOML, a key that is missing, unknown or of another type, a value out of range.
+/// The file is missing or is not TOML; a key is missing, unknown or of another type; a value is out
+/// of range.
 pub fn read(path: &Path) -> Result<Settings, BadInput> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path)
@@ -25,7 +26,7 @@ pub fn read(path: &Path) -> Result<Settings, BadInput> {
     parse(&file, &text)
 }
 
-/// As [`read`], from `text`.
+/// As [`read`], from the `text` of `file`.
 ///
 /// # Errors
 /// As [`read`].
@@ -49,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_value_survives_the_file() {
+    fn settings_read_back_from_toml_are_equal() {
         let mut values = SettingsValues::reference();
         values.muscle.alpha_m2 = f32::from_bits(values.muscle.alpha_m2.to_bits() + 1);
         values.compensation.lead_s = 0.022_5;
@@ -62,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_settings_are_named() {
+    fn an_error_names_the_bad_setting() {
         let text = to_toml(&SettingsValues::reference());
         let errors = [
             (text.replace("lead_s = 0.0", "lead_s = 9.0"), "lead_s"),

@@ -1,27 +1,27 @@
-//! What a person sees of an experiment with hardware in the loop, while it runs.
+//! The state of a run with hardware in the loop, as the screen shows it.
 
 use super::board_report::BoardReport;
-use super::closed_loop::Tick;
+use super::tick::Tick;
 use model_core::timing::Timing;
 use std::time::Instant;
 
 /// Log lines that are kept.
 const LOG_LINES: usize = 100;
 
-/// What is shown.
+/// The shown state.
 #[derive(Clone, Default)]
 pub struct View {
     /// Ticks so far.
     pub ticks: Vec<Tick>,
-    /// How the board fares.
+    /// Counts of the board and the link.
     pub report: BoardReport,
-    /// The last tick's.
+    /// Timing of the last tick.
     pub timing: Option<Timing>,
-    /// When the board answered last.
-    pub told_at: Option<Instant>,
-    /// The board, as it names itself.
+    /// When the board last answered.
+    pub answered_at: Option<Instant>,
+    /// Name of the board.
     pub board: String,
-    /// Its CPU cycles in a microsecond.
+    /// CPU cycles of the board per microsecond.
     pub cycles_per_us: f64,
     /// Name of the run.
     pub run: String,
@@ -32,7 +32,7 @@ pub struct View {
 }
 
 impl View {
-    /// Nothing yet, of a board that says it is `board`.
+    /// An empty view of the board named `board`.
     pub fn new(board: &str, cpu_hz: u32) -> View {
         View {
             board: board.into(),
@@ -41,7 +41,7 @@ impl View {
         }
     }
 
-    /// Clears the screen for the experiment `run`.
+    /// Clears the view for the run named `run`.
     pub fn begin(&mut self, run: &str, duration_s: f64) {
         self.run = run.into();
         self.duration_s = duration_s;
@@ -57,7 +57,7 @@ impl View {
         self.log.drain(..surplus);
     }
 
-    /// The log's lines, which are then forgotten.
+    /// Takes the log's lines out of the view.
     pub fn take_log(&mut self) -> Vec<String> {
         std::mem::take(&mut self.log)
     }

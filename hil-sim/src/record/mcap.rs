@@ -1,9 +1,9 @@
 //! Records as MCAP, which Foxglove and PlotJuggler open: one channel of JSON messages, one a tick,
 //! with the CSV's columns as fields and a schema that says so.
 
-use crate::bench::recorder::{COLUMNS, Cell};
 use crate::error::BadInput;
 use crate::output::NotWritten;
+use crate::record::columns::{COLUMNS, Cell};
 use crate::record::{Record, TIME_S};
 use mcap::parse_record;
 use mcap::records::{MessageHeader, Record as McapRecord, op};

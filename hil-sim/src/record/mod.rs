@@ -4,6 +4,7 @@
 //! cell is a missing sample. Unknown columns are kept as the text they are.
 
 pub mod check;
+pub mod columns;
 pub mod import;
 pub mod mcap;
 

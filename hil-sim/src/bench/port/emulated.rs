@@ -1,6 +1,6 @@
 //! The emulated board: another program, which runs the firmware's ELF in virtual time.
 //!
-//! It stays another program as its engine's licence is not ours; they talk over its stdin and
+//! It is a program of its own because of its engine's licence; both communicate over its stdin and
 //! stdout. All numbers are u32, little endian.
 //!
 //! ```text
@@ -9,20 +9,20 @@
 //! ```
 //!
 //! It sends the bytes to the board and lets time pass until the board has ended a frame, at most
-//! as long as it was told. The text is what the board has logged and what it did wrongly, a line
-//! each. When its stdin ends, it does.
+//! for the given time. The text holds the board's log and the errors that the emulator found, a line
+//! each. The program ends when its stdin ends.
 
-use crate::bench::link::{Port, PortError};
+use crate::bench::port::client::{Transport, TransportError};
 use crate::error::BadInput;
 use std::io::{self, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
-/// Longest field that is believed.
+/// Longest field that is accepted \[bytes\].
 const LEN_MAX: u32 = 1 << 24;
 
-/// The board's program, running.
+/// A running emulator.
 pub struct Emulated {
     child: Child,
     stdin: Option<ChildStdin>,
@@ -35,7 +35,7 @@ impl Emulated {
     /// Starts `program` with the firmware `elf`.
     ///
     /// # Errors
-    /// It does not start.
+    /// The program does not start.
     pub fn start(program: &Path, elf: &Path) -> Result<Emulated, BadInput> {
         let bad = |why: &dyn std::fmt::Display| {
             let file = program.display().to_string();
@@ -46,7 +46,7 @@ impl Emulated {
             .arg(elf)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped());
-        // An interrupt at the terminal is for us alone: we end it, in order.
+        // Ctrl-C at the terminal must reach this program only, which then ends the emulator.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child = command.spawn().map_err(|error| bad(&error))?;
@@ -75,11 +75,11 @@ impl Emulated {
     }
 }
 
-/// Reads an answer of the program: the time that has passed, and what was logged; what has come
-/// over the link goes to `received`.
+/// Reads an answer of the program: the time that has passed, and the lines of the log. Bytes from
+/// the link are appended to `received`.
 ///
 /// # Errors
-/// It is cut off, or claims to be longer than any.
+/// The answer is cut off, or a field is longer than any valid one.
 pub fn answer(from: &mut impl Read, received: &mut Vec<u8>) -> io::Result<(Duration, Vec<String>)> {
     let passed_us = number(from)?.max(1);
     field(from, received)?;
@@ -106,15 +106,15 @@ fn field(from: &mut impl Read, into: &mut Vec<u8>) -> io::Result<()> {
     Ok(())
 }
 
-impl Port for Emulated {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+impl Transport for Emulated {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError> {
         self.to_send.extend_from_slice(bytes);
         Ok(())
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError> {
+    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
         self.pass(received, wait)
-            .map_err(|error| PortError(format!("the emulated board's program has ended: {error}")))
+            .map_err(|error| TransportError(format!("the emulated board's program has ended: {error}")))
     }
 
     fn take_log(&mut self) -> Vec<String> {
@@ -124,7 +124,7 @@ impl Port for Emulated {
 
 impl Drop for Emulated {
     fn drop(&mut self) {
-        // It ends when its input does; waiting leaves no zombie.
+        // The program ends when its input ends; waiting leaves no zombie process.
         self.stdin = None;
         let _ = self.child.wait();
     }
@@ -132,21 +132,21 @@ impl Drop for Emulated {
 
 const TARGET: &str = "thumbv7em-none-eabihf";
 const HOW_FIRMWARE: &str = "the firmware's ELF, found none: build it with `cargo firmware` \
-    (docs/wiring.md), or name it in FIRMWARE";
+    (docs/wiring.md), or set FIRMWARE to its path";
 const HOW_PROGRAM: &str = "the emulated board's program, found none: build it with \
-    `cargo build --release --manifest-path tests/board/Cargo.toml`, or name it in EMULATED_BOARD";
+    `cargo build --release --manifest-path tests/board/Cargo.toml`, or set EMULATED_BOARD to its path";
 
 /// The firmware's ELF and the emulated board's program: as the variables FIRMWARE and
 /// EMULATED_BOARD name them, else where cargo puts them.
 ///
 /// # Errors
-/// One is missing; says how to get it.
+/// A file is missing; the message says how to build it.
 pub fn find() -> Result<(PathBuf, PathBuf), BadInput> {
     let elf = PathBuf::from(TARGET).join("release/firmware");
     let elf = locate("FIRMWARE", "target", &elf, HOW_FIRMWARE)?;
     let mut magic = [0; 4];
-    let begins = std::fs::File::open(&elf).and_then(|mut file| file.read_exact(&mut magic));
-    if begins.is_err() || magic != *b"\x7fELF" {
+    let read = std::fs::File::open(&elf).and_then(|mut file| file.read_exact(&mut magic));
+    if read.is_err() || magic != *b"\x7fELF" {
         let why = "the firmware's ELF, found another file";
         return Err(BadInput::file(elf.display().to_string(), why));
     }

@@ -1,15 +1,15 @@
 //! A serial port that may be unplugged and come back.
 
-use crate::bench::link::{Port, PortError};
+use crate::bench::port::client::{Transport, TransportError};
 use crate::error::BadInput;
 use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
 /// Speed of the link \[bit/s\].
 const LINK_BAUD: u32 = 921_600;
-/// How often a port that has gone is looked for.
+/// How often an unplugged port is looked for.
 const REOPEN_EVERY: Duration = Duration::from_millis(100);
-/// A line that takes nothing for so long is broken.
+/// A port that takes no bytes for this time is broken.
 const SEND_TIMEOUT: Duration = Duration::from_millis(100);
 
 /// A serial port by its name.
@@ -23,7 +23,7 @@ impl Serial {
     /// Opens the port.
     ///
     /// # Errors
-    /// It is not there, or belongs to somebody else.
+    /// The port does not exist, or another program has it open.
     pub fn open(name: &str) -> Result<Serial, BadInput> {
         let port = open(name).map_err(|error| {
             BadInput::file(name, format!("a serial port that can be opened, {error}"))
@@ -35,7 +35,7 @@ impl Serial {
         })
     }
 
-    /// Runs `act` on the port; where that fails the port is closed, to be opened again.
+    /// Runs `act` on the port. If that fails, the port is closed, to be opened again later.
     fn with_port<T>(
         &mut self,
         act: impl FnOnce(&mut dyn serialport::SerialPort) -> io::Result<T>,
@@ -58,13 +58,13 @@ fn open(name: &str) -> serialport::Result<Box<dyn serialport::SerialPort>> {
     let port = serialport::new(name, LINK_BAUD)
         .timeout(SEND_TIMEOUT)
         .open()?;
-    // What came before anybody listened is nobody's.
+    // Discard bytes that arrived before the port was opened.
     port.clear(serialport::ClearBuffer::Input)?;
     Ok(port)
 }
 
-impl Port for Serial {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+impl Transport for Serial {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError> {
         self.with_port(|port| {
             port.set_timeout(SEND_TIMEOUT)?;
             port.write_all(bytes)
@@ -72,15 +72,15 @@ impl Port for Serial {
         Ok(())
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError> {
-        let begin = Instant::now();
+    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
+        let start = Instant::now();
         if self.port.is_none() {
             std::thread::sleep(wait.min(REOPEN_EVERY));
             if let Ok(port) = open(&self.name) {
                 self.log.push(format!("{} is back", self.name));
                 self.port = Some(port);
             }
-            return Ok(begin.elapsed());
+            return Ok(start.elapsed());
         }
         let mut buffer = [0; 1024];
         let read = self.with_port(|port| {
@@ -91,8 +91,8 @@ impl Port for Serial {
             }
         });
         received.extend_from_slice(&buffer[..read.unwrap_or(0)]);
-        // Never nothing: whoever waits adds these up.
-        Ok(begin.elapsed().max(Duration::from_micros(1)))
+        // Never zero: the caller adds these times up to its timeout.
+        Ok(start.elapsed().max(Duration::from_micros(1)))
     }
 
     fn take_log(&mut self) -> Vec<String> {

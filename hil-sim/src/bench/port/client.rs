@@ -1,8 +1,8 @@
-//! The PC's end of the serial link (docs/link.md): asks, answers, and hardware in the loop tick by
-//! tick over a wire that may lose, damage and repeat bytes, or be unplugged.
+//! The client of a board's serial link (docs/link.md): queries, settings, and hardware in the loop
+//! tick by tick, over a line that may lose, damage and repeat bytes, or be unplugged.
 //!
-//! A [`Port`] moves bytes and may lose them; everything that follows from lost ones is here. Time
-//! is the board's: an emulated one lets it pass only while the PC waits.
+//! A [`Transport`] moves bytes and may lose them; the client detects and repairs the losses. Time is
+//! the board's: on an emulated board it passes only while the PC waits.
 
 use model_core::device::{Command, SimulatedSensors};
 use model_core::io::{Output, Sensors};
@@ -16,55 +16,56 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// Without telemetry for so long, what was sent is sent again.
+/// Time without telemetry after which a message is sent again.
 const REPEAT_AFTER: Duration = Duration::from_millis(30);
-/// An answer takes at most so long; then the question is asked again.
+/// Time to wait for an answer before a query is sent again.
 const ANSWER_WAIT: Duration = Duration::from_millis(250);
-/// How often a question is asked.
-const QUESTIONS: usize = 20;
-/// Storing settings may erase a sector, which takes up to 4 s.
+/// How often a query is sent.
+const QUERIES: usize = 20;
+/// Time to wait for the answer when settings are stored: erasing a sector takes up to 4 s.
 const STORE_WAIT: Duration = Duration::from_secs(6);
-/// Telemetry between two attempts to begin hardware in the loop.
+/// Telemetry messages between two attempts to enter hardware in the loop.
 const ENTER_EVERY: usize = 4;
-/// A board that still reads its pins after so many ticks refuses.
+/// Ticks after which a board that still reads its pins is taken to refuse hardware in the loop.
 const ENTER_TICKS_MAX: usize = 100;
-/// So many repeated messages without effect mean that the first one had its effect.
+/// Number of repeated messages without effect after which the first one must have been received.
 const REPEATED_WITHOUT_EFFECT: usize = 20;
-/// Telemetry this much older than the last one is the line's echo; older yet is another life.
+/// Telemetry that is older than the last one by up to so many ticks is an echo of the line; if it is
+/// older still, the board has been reset.
 const ECHO_TICKS: i32 = 16;
 
-/// The wire is gone for good. A serial port that comes back is none of this.
+/// The transport has failed permanently. A serial port that may come back does not fail.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub struct PortError(pub String);
+pub struct TransportError(pub String);
 
-/// A way to a board.
-pub trait Port {
-    /// Sends; what cannot be sent is lost.
+/// Moves bytes to and from a board.
+pub trait Transport {
+    /// Sends bytes; bytes that cannot be sent are lost.
     ///
     /// # Errors
-    /// Nothing will ever come of this port again.
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError>;
+    /// The transport has failed permanently.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError>;
 
-    /// Waits until something has come, at most `wait`; appends it to `received`, and returns how
-    /// long that took on the board's clock.
+    /// Waits at most `wait` for bytes, appends them to `received`, and returns the time that has
+    /// passed on the board's clock.
     ///
     /// # Errors
-    /// Nothing will ever come of this port again.
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError>;
+    /// The transport has failed permanently.
+    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError>;
 
-    /// What the board has logged, and what has happened to the port, since the last call.
+    /// Lines that the board has logged and events of the transport since the last call.
     fn take_log(&mut self) -> Vec<String> {
         Vec::new()
     }
 }
 
-impl Port for Box<dyn Port + Send> {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+impl Transport for Box<dyn Transport + Send> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError> {
         (**self).send(bytes)
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError> {
+    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
         (**self).receive(received, wait)
     }
 
@@ -73,27 +74,27 @@ impl Port for Box<dyn Port + Send> {
     }
 }
 
-/// Why the board could not be had to do something.
+/// Why the board did not do what it was asked for.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The port.
+    /// The transport has failed.
     #[error(transparent)]
-    Port(#[from] PortError),
-    /// Nothing that answers as it should.
+    Transport(#[from] TransportError),
+    /// No valid answer.
     #[error("no answer from the board for {0:.0} s")]
     NoAnswer(f64),
-    /// It is assisting, holding, or letting the weight down.
+    /// The board is assisting, holding, or letting the weight down.
     #[error("the board is armed (mode {0:?}): vent it first")]
     Armed(Mode),
-    /// It did not take the settings.
+    /// The board did not store the settings.
     #[error("the board has not stored the settings: {0:?}")]
     NotStored(Written),
-    /// The user has had enough.
+    /// The user has stopped the program.
     #[error("stopped")]
     Stopped,
 }
 
-/// How the line fared.
+/// Errors on the line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LinkCounts {
     /// Frames from the board that were damaged.
@@ -106,39 +107,39 @@ pub struct LinkCounts {
     pub silent_ticks: u64,
 }
 
-/// What one tick with hardware in the loop gave.
+/// The board's answer to one tick with hardware in the loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
-    /// What the controller decided.
+    /// The controller's output.
     pub output: Output,
-    /// The tick's telemetry; none if it was lost and only the output could be had later.
+    /// The tick's telemetry; none if it was lost and only the output could be obtained later.
     pub telemetry: Option<Telemetry>,
-    /// The controller has begun anew before this tick: after a reset, or half a second of silence.
-    pub began_anew: bool,
+    /// The controller has restarted before this tick: after a reset, or half a second of silence.
+    pub restarted: bool,
 }
 
-/// The PC's end.
+/// The client of one board.
 pub struct Client<P> {
-    port: P,
+    transport: P,
     decoder: Decoder,
     received: Vec<u8>,
     pending: VecDeque<FromDevice>,
     last_tick: Option<u32>,
-    /// How many ticks' telemetry was missing before the last one.
+    /// Number of ticks without telemetry before the last one.
     gap_ticks: u32,
     sequence: u32,
-    /// The last one that a controller in the loop gave.
+    /// The last output of a controller in the loop.
     output: Output,
     counts: LinkCounts,
     give_up: Duration,
     stop: Arc<AtomicBool>,
 }
 
-impl<P: Port> Client<P> {
-    /// An end that gives up after `give_up` without any telemetry, or once `stop` is set.
-    pub fn new(port: P, give_up: Duration, stop: Arc<AtomicBool>) -> Client<P> {
+impl<P: Transport> Client<P> {
+    /// A client that fails after the time `give_up` without any telemetry, or once `stop` is set.
+    pub fn new(transport: P, give_up: Duration, stop: Arc<AtomicBool>) -> Client<P> {
         Client {
-            port,
+            transport,
             decoder: Decoder::new(),
             received: Vec::new(),
             pending: VecDeque::new(),
@@ -152,33 +153,33 @@ impl<P: Port> Client<P> {
         }
     }
 
-    /// How the line has fared.
+    /// Errors on the line so far.
     pub fn counts(&self) -> LinkCounts {
         self.counts
     }
 
-    /// See [`Port::take_log`].
+    /// See [`Transport::take_log`].
     pub fn take_log(&mut self) -> Vec<String> {
-        self.port.take_log()
+        self.transport.take_log()
     }
 
     /// Sends a message.
     ///
     /// # Errors
-    /// The port is gone.
+    /// The transport has failed.
     pub fn send(&mut self, message: &ToDevice) -> Result<(), LinkError> {
         let mut buffer = [0; FRAME_LEN_MAX];
-        // Every message fits: model-core tests it.
+        // Every message fits, which model-core tests.
         let frame = encode(message, &mut buffer).unwrap_or_default();
-        // The zero before clears what may be left of a broken frame.
+        // The leading zero ends the rest of a broken frame.
         let bytes = [&[0], frame].concat();
-        Ok(self.port.send(&bytes)?)
+        Ok(self.transport.send(&bytes)?)
     }
 
-    /// The next message; none if there is none within `wait`.
+    /// The next message; none if none comes within `wait`.
     ///
     /// # Errors
-    /// The port is gone, or the user wants to stop.
+    /// The transport has failed, or the user has stopped the program.
     pub fn next(&mut self, wait: Duration) -> Result<Option<FromDevice>, LinkError> {
         let mut waited = Duration::ZERO;
         loop {
@@ -186,7 +187,7 @@ impl<P: Port> Client<P> {
                 return Err(LinkError::Stopped);
             }
             while let Some(message) = self.pending.pop_front() {
-                if self.is_news(&message) {
+                if self.is_new(&message) {
                     return Ok(Some(message));
                 }
             }
@@ -194,7 +195,7 @@ impl<P: Port> Client<P> {
                 return Ok(None);
             }
             self.received.clear();
-            waited += self.port.receive(&mut self.received, wait - waited)?;
+            waited += self.transport.receive(&mut self.received, wait - waited)?;
             for byte in &self.received {
                 match self.decoder.push(*byte) {
                     Some(Ok(message)) => self.pending.push_back(message),
@@ -205,29 +206,29 @@ impl<P: Port> Client<P> {
         }
     }
 
-    /// False for telemetry that the line has repeated. Counts what is missing.
-    fn is_news(&mut self, message: &FromDevice) -> bool {
-        let FromDevice::Telemetry(told) = message else {
+    /// False for telemetry that the line has repeated. Counts missing telemetry.
+    fn is_new(&mut self, message: &FromDevice) -> bool {
+        let FromDevice::Telemetry(telemetry) = message else {
             return true;
         };
         let ahead = self
             .last_tick
-            .map_or(1, |last| told.tick.wrapping_sub(last) as i32);
+            .map_or(1, |last| telemetry.tick.wrapping_sub(last) as i32);
         if (-ECHO_TICKS..=0).contains(&ahead) {
             return false;
         }
-        // Behind: the board has been reset, and nothing is known of what was before.
+        // If it is behind, the board has been reset, and the number of lost ticks is unknown.
         self.gap_ticks = if ahead > 0 { ahead as u32 - 1 } else { 0 };
         self.counts.telemetry_lost += u64::from(self.gap_ticks);
-        self.last_tick = Some(told.tick);
+        self.last_tick = Some(telemetry.tick);
         true
     }
 
-    /// The next telemetry; none if there is none within `wait`. Other messages are dropped.
+    /// The next telemetry; none if none comes within `wait`. Other messages are dropped.
     fn telemetry(&mut self, wait: Duration) -> Result<Option<Telemetry>, LinkError> {
         loop {
             match self.next(wait)? {
-                Some(FromDevice::Telemetry(told)) => return Ok(Some(told)),
+                Some(FromDevice::Telemetry(telemetry)) => return Ok(Some(telemetry)),
                 Some(_) => {}
                 None => return Ok(None),
             }
@@ -236,20 +237,20 @@ impl<P: Port> Client<P> {
 
     fn ask<T>(
         &mut self,
-        question: ToDevice,
+        query: ToDevice,
         answer: fn(FromDevice) -> Option<T>,
     ) -> Result<T, LinkError> {
-        for _ in 0..QUESTIONS {
-            self.send(&question)?;
+        for _ in 0..QUERIES {
+            self.send(&query)?;
             if let Some(found) = self.find(ANSWER_WAIT, answer)? {
                 return Ok(found);
             }
         }
-        let waited = ANSWER_WAIT * QUESTIONS as u32;
+        let waited = ANSWER_WAIT * QUERIES as u32;
         Err(LinkError::NoAnswer(waited.as_secs_f64()))
     }
 
-    /// The first message of a kind within the time of `wait`, told by telemetry and by silence.
+    /// The first message of a kind within the time `wait`, which telemetry and silence measure.
     fn find<T>(
         &mut self,
         wait: Duration,
@@ -270,10 +271,10 @@ impl<P: Port> Client<P> {
         Ok(None)
     }
 
-    /// Who is there.
+    /// The board's identity.
     ///
     /// # Errors
-    /// Nobody answers.
+    /// The board does not answer.
     pub fn identity(&mut self) -> Result<Identity, LinkError> {
         self.ask(ToDevice::Identify, |message| match message {
             FromDevice::Identity(identity) => Some(identity),
@@ -284,7 +285,7 @@ impl<P: Port> Client<P> {
     /// The settings in force.
     ///
     /// # Errors
-    /// Nobody answers.
+    /// The board does not answer.
     pub fn settings(&mut self) -> Result<SettingsValues, LinkError> {
         self.ask(ToDevice::ReadSettings, |message| match message {
             FromDevice::Settings(values) => Some(values),
@@ -292,38 +293,38 @@ impl<P: Port> Client<P> {
         })
     }
 
-    /// Has the board store `values` and restart with them.
+    /// Stores `values` on the board, which restarts with them.
     ///
     /// # Errors
-    /// It refuses, or has other ones afterwards.
+    /// The board refuses, or has other settings afterwards.
     pub fn write_settings(&mut self, values: &SettingsValues) -> Result<(), LinkError> {
-        let mut told = Written::FlashFailed;
+        let mut result = Written::FlashFailed;
         for _ in 0..3 {
             self.send(&ToDevice::WriteSettings(*values))?;
             let written = self.find(STORE_WAIT, |message| match message {
                 FromDevice::Written(written) => Some(written),
-                // It has restarted, and the answer was lost.
+                // The board has restarted, and its answer was lost.
                 FromDevice::Identity(_) => Some(Written::Stored),
                 _ => None,
             })?;
-            told = written.unwrap_or(told);
-            // What counts is what is in force.
+            result = written.unwrap_or(result);
+            // The settings in force decide.
             if self.settings()? == *values {
                 return Ok(());
             }
-            if matches!(told, Written::Armed | Written::Invalid) {
+            if matches!(result, Written::Armed | Written::Invalid) {
                 break;
             }
         }
-        Err(LinkError::NotStored(told))
+        Err(LinkError::NotStored(result))
     }
 
-    /// Begins hardware in the loop with a new controller, whatever was before; returns the
-    /// telemetry that proves it.
+    /// Enters hardware in the loop with a restarted controller, whatever the state before; returns
+    /// the telemetry that proves it.
     ///
     /// # Errors
-    /// The board is armed, or nobody answers.
-    pub fn begin_anew(&mut self) -> Result<Telemetry, LinkError> {
+    /// The board is armed, or does not answer.
+    pub fn restart_in_loop(&mut self) -> Result<Telemetry, LinkError> {
         let mut quiet = Duration::ZERO;
         let mut tick = 0;
         loop {
@@ -331,28 +332,28 @@ impl<P: Port> Client<P> {
                 self.send(&ToDevice::Command(Command::LeaveHil))?;
                 self.send(&ToDevice::Command(Command::EnterHil))?;
             }
-            let Some(told) = self.telemetry_or_give_up(&mut quiet)? else {
+            let Some(telemetry) = self.telemetry_or_give_up(&mut quiet)? else {
                 continue;
             };
             tick += 1;
-            // The proof: in the loop, and the controller has not ticked yet.
-            if told.source == Source::Silence && told.output == Output::default() {
-                self.output = told.output;
-                return Ok(told);
+            // In the loop, and the controller has not ticked yet.
+            if telemetry.source == Source::Silence && telemetry.output == Output::default() {
+                self.output = telemetry.output;
+                return Ok(telemetry);
             }
-            if told.source == Source::Pins && tick > ENTER_TICKS_MAX {
-                return Err(LinkError::Armed(told.output.mode));
+            if telemetry.source == Source::Pins && tick > ENTER_TICKS_MAX {
+                return Err(LinkError::Armed(telemetry.output.mode));
             }
         }
     }
 
-    /// As [`Client::telemetry`]; `quiet` adds up how long there was none.
+    /// As [`Client::telemetry`]; `quiet` is the time since the last telemetry.
     fn telemetry_or_give_up(
         &mut self,
         quiet: &mut Duration,
     ) -> Result<Option<Telemetry>, LinkError> {
-        let told = self.telemetry(REPEAT_AFTER)?;
-        if told.is_some() {
+        let telemetry = self.telemetry(REPEAT_AFTER)?;
+        if telemetry.is_some() {
             *quiet = Duration::ZERO;
         } else {
             *quiet += REPEAT_AFTER;
@@ -360,50 +361,50 @@ impl<P: Port> Client<P> {
                 return Err(LinkError::NoAnswer(quiet.as_secs_f64()));
             }
         }
-        Ok(told)
+        Ok(telemetry)
     }
 
-    /// One tick with hardware in the loop: the controller reads `sensors` once, whatever the line
-    /// does. Begins hardware in the loop anew where the board has left it.
+    /// One tick with hardware in the loop: the controller reads `sensors` exactly once, whatever the
+    /// line loses or repeats. Enters hardware in the loop again if the board has left it.
     ///
     /// # Errors
-    /// Nobody answers any more.
+    /// The board no longer answers.
     pub fn exchange(&mut self, sensors: &Sensors) -> Result<Answer, LinkError> {
         self.sequence = self.sequence.wrapping_add(1);
         let message = ToDevice::Command(Command::Sensors(SimulatedSensors {
             sequence: self.sequence,
             sensors: *sensors,
         }));
-        let mut began_anew = false;
+        let mut restarted = false;
         let mut quiet = Duration::ZERO;
-        // Telemetry was missing since the message was sent, and how often it was sent since.
+        // If telemetry was lost since the message was sent: how often it was sent since then.
         let mut repeated_since_gap = None;
         self.send(&message)?;
         loop {
-            let told = self.telemetry_or_give_up(&mut quiet)?;
-            if let Some(told) = told {
+            if let Some(telemetry) = self.telemetry_or_give_up(&mut quiet)? {
                 if self.gap_ticks > 0 {
                     repeated_since_gap = repeated_since_gap.or(Some(0));
                 }
-                match told.source {
+                match telemetry.source {
                     Source::Link(sequence) if sequence == self.sequence => {
-                        return Ok(self.answered(told.output, Some(told), began_anew));
+                        let output = telemetry.output;
+                        return Ok(self.answered(output, Some(telemetry), restarted));
                     }
                     Source::Link(_) => continue,
-                    Source::Silence if !self.is_another_controller(&told) => {
+                    Source::Silence if !self.has_restarted(&telemetry) => {
                         self.counts.silent_ticks += 1;
                         if let Some(repeated) = repeated_since_gap {
-                            // It was read in a tick whose telemetry is lost; silence repeats the
-                            // last output.
-                            let is_new = told.output != self.output;
+                            // The message was read in a tick whose telemetry is lost; telemetry of
+                            // silence repeats the last output.
+                            let is_new = telemetry.output != self.output;
                             if is_new || repeated >= REPEATED_WITHOUT_EFFECT {
-                                return Ok(self.answered(told.output, None, began_anew));
+                                return Ok(self.answered(telemetry.output, None, restarted));
                             }
                         }
                     }
                     Source::Pins | Source::Silence => {
-                        self.begin_anew()?;
-                        began_anew = true;
+                        self.restart_in_loop()?;
+                        restarted = true;
                         repeated_since_gap = None;
                     }
                 }
@@ -414,34 +415,34 @@ impl<P: Port> Client<P> {
         }
     }
 
-    /// A controller that has not ticked, though ours has.
-    fn is_another_controller(&self, told: &Telemetry) -> bool {
-        told.output == Output::default() && self.output != Output::default()
+    /// True if the controller has not ticked since its start, though it had ticked before.
+    fn has_restarted(&self, telemetry: &Telemetry) -> bool {
+        telemetry.output == Output::default() && self.output != Output::default()
     }
 
     fn answered(
         &mut self,
         output: Output,
         telemetry: Option<Telemetry>,
-        began_anew: bool,
+        restarted: bool,
     ) -> Answer {
         self.output = output;
         Answer {
             output,
             telemetry,
-            began_anew,
+            restarted,
         }
     }
 
-    /// Ends hardware in the loop; if this is lost, the board's patience ends it.
+    /// Leaves hardware in the loop; if the message is lost, the board leaves it after a timeout.
     ///
     /// # Errors
-    /// The port is gone.
+    /// The transport has failed.
     pub fn leave(&mut self) -> Result<(), LinkError> {
         self.send(&ToDevice::Command(Command::LeaveHil))?;
-        // An emulated board hears only while time passes.
+        // An emulated board receives only while time passes.
         self.received.clear();
-        self.port.receive(&mut self.received, REPEAT_AFTER)?;
+        self.transport.receive(&mut self.received, REPEAT_AFTER)?;
         Ok(())
     }
 }

@@ -1,0 +1,19 @@
+//! Why work on the bench ends early.
+
+use crate::bench::port::client::LinkError;
+use crate::error::BadInput;
+use crate::output::NotWritten;
+
+/// Why a run, a replay or a command ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file or an option of the user.
+    #[error(transparent)]
+    Input(#[from] BadInput),
+    /// An output.
+    #[error(transparent)]
+    NotWritten(#[from] NotWritten),
+    /// The board or the link to it.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+}
