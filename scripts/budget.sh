@@ -16,7 +16,7 @@ cargo build -q --release -p firmware --target "$target" --example cannot_panic
 section() { size -A "$elf" | awk -v name="$1" '$1 == name { bytes = $2 } END { print bytes + 0 }'; }
 flash=$(($(section .vector_table) + $(section .text) + $(section .rodata) + $(section .data)))
 statics=$(($(section .data) + $(section .bss) + $(section .uninit)))
-stack=$(awk '/^ *STACK/ { sub(/.*LENGTH *= */, ""); print $0 * 1024 }' firmware/memory.x)
+stack=$(awk '/^ *STACK/ { sub(/.*LENGTH *= */, ""); print $0 * 1024 }' memory.x)
 ram=$((statics + stack))
 
 printf 'flash  %6d of %6d bytes\n' "$flash" "$flash_budget"
