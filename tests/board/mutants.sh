@@ -71,19 +71,19 @@ if ! build || ! passes; then
 fi
 
 src=firmware/src
-mutant 'encoder channels swapped (it counts the other way)' $src/encoder.rs \
-    's/self\.0\.count\(\)/self.0.count().wrapping_neg()/'
-mutant 'ADC channels wrong' $src/adc.rs \
+mutant 'encoder channels swapped (it counts the other way)' $src/driver/encoder.rs \
+    's/(self\.0\.cnt\(\).*bits\(\))/\1.wrapping_neg()/'
+mutant 'ADC channels wrong' $src/driver/adc.rs \
     's/configure_channel\(&bridge/configure_channel(\&X/; s/configure_channel\(&pressure/configure_channel(\&bridge/; s/configure_channel\(&X/configure_channel(\&pressure/'
-mutant 'DAC not enabled' $src/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
-mutant 'DAC buffer left on' $src/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
+mutant 'DAC not enabled' $src/driver/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
+mutant 'DAC buffer left on' $src/driver/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
 mutant 'valve left as it is by a crash' $src/crash.rs 's/valve::make_safe\(\);//'
-mutant 'watchdog not started' $src/watchdog.rs \
+mutant 'watchdog not started' $src/driver/watchdog.rs \
     's/iwdg\.kr\(\)\.write\(\|w\| w\.key\(\)\.start\(\)\);//; s/while iwdg.*\{\}//'
 mutant 'watchdog never fed' $src/main.rs 's/local\.watchdog\.feed\(\);//'
-mutant 'tick at 11 ms' $src/adc.rs 's/TICK_COUNTS - 1/TICK_COUNTS + 999/'
+mutant 'tick at 11 ms' $src/driver/tick_timer.rs 's/TICK_COUNTS - 1/TICK_COUNTS + 999/'
 mutant '12 ms blocked above the tick' $src/main.rs \
     's/(binds = TIM3, priority = )2/\14/; s/(while let Some\(message\) = link\.receive\(\) \{)/\1 cortex_m::asm::delay(12 * 180_000);/'
 mutant 'HSE without bypass' $src/board/nucleo_f446re.rs 's/\.bypass_hse_oscillator\(\)//'
-mutant 'link at the wrong speed' $src/board.rs 's/(LINK_BAUD: u32 = )921_600/\1460_800/'
+mutant 'link at the wrong speed' $src/board/mod.rs 's/(LINK_BAUD: u32 = )921_600/\1460_800/'
 [ "$survivors" = 0 ]
