@@ -29,7 +29,7 @@ fn main() {
                 (with_table(&name, &code, tests), format!("{name}::tests"))
             }
             None if text.contains("#[test]") => {
-                // A file of tests: the table replaces the first blank line, after the inner comments.
+                // A file of tests: the table replaces the first blank line, after the comments.
                 let (comment, tests) = text.split_once("\n\n").expect("a blank line");
                 let comment = format!("{comment}\n");
                 (with_table(&name, &comment, tests), name.clone())
@@ -56,7 +56,10 @@ fn sources(folder: &str) -> Vec<(String, String)> {
         .collect();
     files.sort();
     let read = |path: &PathBuf| {
-        let stem = path.file_stem().expect("the path of a file").to_string_lossy();
+        let stem = path
+            .file_stem()
+            .expect("the path of a file")
+            .to_string_lossy();
         let name = if folder == "src" {
             stem.into()
         } else {
