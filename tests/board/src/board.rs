@@ -114,8 +114,8 @@ impl Board {
         self.cpu.pass_unpowered(now + from_ns(RESET_PULSE_NS));
     }
 
-    /// Stops the core, as an endless loop with masked interrupts would, or lets it continue. Timers,
-    /// DMA and watchdog continue in any case.
+    /// Stops the core, as an endless loop with masked interrupts would, or lets it continue.
+    /// Timers, DMA and watchdog continue in any case.
     pub fn hold_core(&mut self, held: bool) {
         self.cpu.held = held;
         if held {

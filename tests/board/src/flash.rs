@@ -261,8 +261,8 @@ impl Flash {
     }
 
     /// Interrupts an operation, as a power cut does. Programming has cleared some of its bits. An
-    /// erase first programs all cells to 0, for which this model assumes a quarter of its time, then
-    /// sets the bits. Each word is at random complete, unchanged, or a mixture.
+    /// erase first programs all cells to 0, for which this model assumes a quarter of its time,
+    /// then sets the bits. Each word is at random complete, unchanged, or a mixture.
     pub fn cut(&mut self, now: Time) {
         let Some(operation) = self.operation.take() else {
             return;

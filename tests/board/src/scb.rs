@@ -49,7 +49,8 @@ impl Scb {
         self.cpacr >> 20 & 0xf == 0xf
     }
 
-    /// Reads a register; none if it is not one of these. `address` is the low part after 0xE000_Exxx.
+    /// Reads a register; none if it is not one of these. `address` is the low part after
+    /// 0xE000_Exxx.
     pub fn read(&self, address: u32) -> Option<u32> {
         Some(match address {
             0xd00 => 0x410f_c241,
