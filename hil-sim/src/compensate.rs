@@ -11,7 +11,7 @@ use crate::effects;
 use crate::error::BadInput;
 use crate::plant::load::GRAVITY_M_PER_S2;
 use crate::rig::{Effect, Load, Rig, Weight};
-use model_core::compensation::{Compensation, Memory};
+use model_core::compensation::{Compensation, CompensationState};
 use model_core::controller::Controller;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
@@ -567,7 +567,7 @@ fn loop_of(bench: &Bench) -> Result<(f64, f64), BadInput> {
             force_n_max: f32::INFINITY,
             ..Compensation::OFF
         };
-        let mut memory = Memory::default();
+        let mut memory = CompensationState::default();
         let (mut squares, mut product, mut whole) = (0.0, 0.0, 0.0);
         for tick in &ticks {
             memory.follow(&one, &muscle, tick.contraction as f32);

@@ -2,11 +2,11 @@
 
 use hil_sim::effects::CATALOGUE;
 use hil_sim::faults::Case;
+use hil_sim::faults::ablation::SafetyFunction;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{KINDS, Kind};
 use hil_sim::faults::outcome::Outcome;
 use hil_sim::rig::Effect;
-use model_core::safety::SafetyFunction;
 use rayon::prelude::*;
 
 fn outside(outcomes: &[Outcome]) -> Vec<&Outcome> {

@@ -1,6 +1,7 @@
 //! The controller's settings: one struct that is valid once it exists.
 
 use crate::compensation::Compensation;
+use crate::constants::GRAVITY_M_PER_S2;
 use crate::error::SettingsError;
 use crate::limits::LIMITS;
 use crate::muscle::Muscle;
@@ -13,17 +14,12 @@ use serde::{Deserialize, Serialize};
 pub const VERSION: u16 = 3;
 /// A buffer of this size holds any encoded settings.
 pub const ENCODED_LEN_MAX: usize = 256;
-/// Period of the tick \[s\], the paper's sampling time.
-pub const TICK_S: f32 = 0.01;
 
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const VERSION_LEN: usize = 2;
 const CHECKSUM_LEN: usize = 4;
 
-/// The weight on its stop is within this of ε = 0: 6 mm of the paper's muscle.
-pub const STOP_CONTRACTION: f32 = 0.02;
-
-/// Finer is no muscle's encoder: whatever moves would seem to stand \[m\].
+/// Finest encoder that is accepted \[m\]: with a finer one noise would look like motion.
 const ENCODER_M_PER_COUNT_MIN: f32 = 1e-7;
 
 /// Whether it holds, the setting it is about, and what that must be.
@@ -206,7 +202,7 @@ impl SettingsValues {
             (
                 // Else a muscle whose encoder stands still pulls as it may, unnoticed.
                 self.muscle.force_n(0.0, GaugePa(self.pressure_pa_max))
-                    > self.load_kg * 9.80665 + self.force_error_n_max,
+                    > self.load_kg * GRAVITY_M_PER_S2 as f32 + self.force_error_n_max,
                 "force_error_n_max",
                 "such that the muscle can exceed it above the weight",
             ),
@@ -352,30 +348,6 @@ impl Settings {
         match postcard::take_from_bytes(payload) {
             Ok((values, [])) => Settings::new(values),
             _ => Err(SettingsError::Length),
-        }
-    }
-}
-
-#[cfg(feature = "fault-injection")]
-impl Settings {
-    /// Flips a bit of one of its values, valid or not; `bit` is reduced to those that are there.
-    pub fn flip(&mut self, bit: usize) {
-        let values = &mut self.0;
-        let floats = [
-            &mut values.gain,
-            &mut values.pressure_pa_max,
-            &mut values.muscle.alpha_m2,
-            &mut values.bridge.per_count,
-            &mut values.encoder_m_per_count,
-            &mut values.valve_drive.pa_per_v,
-            &mut values.vent_rate_pa_per_s,
-            &mut values.reference_speed_m_per_s_max,
-        ];
-        let number = bit / 32 % floats.len();
-        for (place, value) in floats.into_iter().enumerate() {
-            if place == number {
-                *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
-            }
         }
     }
 }

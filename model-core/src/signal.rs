@@ -3,15 +3,13 @@
 //! Newtypes stand at the electrical edge only; inside, quantities are SI numbers. The way from
 //! physics to counts serves the simulator and hardware in the loop.
 
+use crate::limits::ADC_VALID;
+use crate::number::Number;
 use crate::pressure::GaugePa;
-use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 /// Full scale of the 12-bit converters.
 pub const COUNT_MAX: u16 = 4095;
-
-/// Readings of a wire that is whole; nearer to an end of the scale it is open or shorted.
-pub const ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16;
 
 /// A reading of the 12-bit ADC.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,8 +44,8 @@ impl DacCount {
 
 /// The nearest count on a 12-bit scale; 0 for NaN.
 fn nearest(count: f32) -> u16 {
-    // `as` cuts off, and takes NaN to 0.
-    (count.clamp(0.0, COUNT_MAX as f32) + 0.5) as u16
+    // Both bounds take the number of a number and a NaN; `at_least` is first, so that NaN is 0.
+    libm::roundf(count.at_least(0.0).at_most(COUNT_MAX as f32)) as u16
 }
 
 /// A straight line between an ADC's counts and a quantity.
@@ -69,7 +67,7 @@ impl AdcScale {
     pub fn ends(&self) -> (f32, f32) {
         let first = self.value(AdcCount(*ADC_VALID.start()));
         let last = self.value(AdcCount(*ADC_VALID.end()));
-        (first.min(last), first.max(last))
+        (first.at_most(last), first.at_least(last))
     }
 
     /// The count nearest to `value`, limited to the scale's ends.

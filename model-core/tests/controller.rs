@@ -4,12 +4,12 @@ use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::error::SettingsError;
 use model_core::io::{Output, Request, Sensors};
-use model_core::limits::LIMITS;
+use model_core::limits::{LIMITS, PLAY_SILENCE_TICKS};
 use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
-use model_core::supervisor::{Fault, Mode, PLAY_SILENCE_TICKS};
+use model_core::supervisor::{Fault, Mode};
 use proptest::prelude::*;
 
 fn reference() -> Settings {
@@ -41,7 +41,7 @@ impl Bench {
     }
 
     fn sensors(&self) -> Sensors {
-        let values = *self.controller.settings().values();
+        let values = *self.controller.settings();
         let flicker = (self.ticks % 2) as u16;
         let moved = self.contraction * values.muscle.initial_length_m / values.encoder_m_per_count;
         Sensors {
@@ -170,7 +170,7 @@ fn an_experiment_is_refused_unless_the_settings_allow_it_and_the_check_has_passe
 #[test]
 fn an_experiment_stays_within_its_pressure_and_rate() {
     let mut bench = ready(that_play());
-    let values = *bench.controller.settings().values();
+    let values = *bench.controller.settings();
     let mut last_pa = 0.0;
     for (pressure_pa, ends_pa) in [
         (150_000, 1.5e5),
@@ -557,7 +557,7 @@ fn a_fault_while_venting_on_request_is_latched_and_does_not_hurry_it() {
         let output = bench.tick_with(&sensors);
         // What the muscle has lost already need not be let down; yet no faster than it may move.
         let fall_pa = last.pressure_ref.0 - output.pressure_ref.0;
-        let values = *bench.controller.settings().values();
+        let values = *bench.controller.settings();
         let moving_pa = 0.01 * moving_rate(&values, 0.0, last.pressure_ref.0);
         assert!((0.0..=moving_pa + 0.1).contains(&fall_pa), "{fall_pa}");
         last = output;
@@ -673,7 +673,7 @@ fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
     bench.pressure_pa = 0.0;
     for _ in 0..20 {
         let output = bench.tick();
-        let values = *bench.controller.settings().values();
+        let values = *bench.controller.settings();
         let moving_pa = 0.01 * moving_rate(&values, 0.0, last.pressure_ref.0);
         assert!(last.pressure_ref.0 - output.pressure_ref.0 <= moving_pa + 0.1);
         last = output;

@@ -12,9 +12,10 @@ use hil_sim::plant::{Drive, PRESSURE, Plant, Simulated};
 use hil_sim::rig::Rig;
 use integration_tests::{adiabatic, weight_mut, with_flow_gain};
 use model_core::assist::{Assist, reference_force_n};
+use model_core::constants::TICK_S;
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
-use model_core::settings::{Settings, SettingsValues, TICK_S};
+use model_core::settings::{Settings, SettingsValues};
 use nalgebra::{Complex, Matrix4, Vector4};
 use std::f64::consts::PI;
 

@@ -5,12 +5,12 @@ use model_core::assist::{Assist, reference_force_n};
 use model_core::controller::Controller;
 use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::{Muscle, Volume};
+use model_core::number::Number;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, AdcScale, DacCount, EncoderCount, ValveDrive};
 use model_core::valve::mass_flow_kg_per_s;
-use num_traits::float::FloatCore;
 
 /// A part's name and its checksum.
 pub type Part = (&'static str, fn() -> u64);
@@ -109,7 +109,7 @@ fn f64_any(random: &mut Random) -> f64 {
 }
 
 /// Eqs 1, 2, 6–9 and what is derived of them.
-fn equations<T: FloatCore>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
+fn equations<T: Number>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
     let (mut random, mut checksum) = (Random::new(2), Checksum::new());
     for _ in 0..DRAWS {
         let mut next = || any(&mut random);
