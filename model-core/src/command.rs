@@ -1,5 +1,5 @@
-//! The command of a tick: what the assist law asks for, and the reference pressure that follows
-//! within its limits.
+//! The command of a tick: the force that the assist law demands, and the reference pressure that
+//! follows, within its limits.
 
 use crate::assist::reference_force_n;
 use crate::constants::TICK_S;

@@ -6,7 +6,7 @@ use crate::supervisor::{Fault, Mode};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// What the person or the link asks for.
+/// A request of the person or the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
     /// Nothing: go on.
@@ -65,9 +65,9 @@ pub struct Sensors {
     pub pressure: AdcCount,
     /// Muscle displacement encoder.
     pub encoder: EncoderCount,
-    /// Ticks that did not happen since the last one.
+    /// Ticks missed since the last one.
     pub missed_ticks: u8,
-    /// What the person or the link asks for.
+    /// The request of the person or the link.
     pub request: Request,
 }
 

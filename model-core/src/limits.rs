@@ -8,7 +8,7 @@ use crate::settings::SettingsValues;
 use crate::signal::COUNT_MAX;
 use core::ops::RangeInclusive;
 
-/// Documents a constant by its unit and its reason.
+/// Defines constants; each row has name, value, unit and reason.
 macro_rules! supervisor_limits {
     ($($name:ident: $type:ty = $value:expr, $unit:literal, $reason:literal;)*) => {
         $(
@@ -21,7 +21,7 @@ macro_rules! supervisor_limits {
 supervisor_limits! {
     // Plausibility of one reading.
     ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16, "count",
-        "Readings of an ADC whose wire is whole: nearer to an end of the scale it is open or shorted.";
+        "Readings of an ADC with an intact wire: nearer to an end of the scale it is open or shorted.";
     PRESSURE_PA_MIN: f32 = -2e4, "Pa, gauge",
         "Lowest plausible pressure: muscle and valve draw no vacuum.";
     STOP_CONTRACTION: f32 = 0.02, "1",
@@ -45,9 +45,9 @@ supervisor_limits! {
     EMPTIED_TICKS: u16 = 500, "tick",
         "Time after which a vented valve has emptied a muscle whose pressure sensor has failed.";
     PLAY_SILENCE_TICKS: u8 = 50, "tick",
-        "An experiment in which no pressure was asked for this long ends: half a second.";
+        "Time without a requested pressure after which an experiment ends: half a second.";
     HIL_SILENCE_TICKS: u8 = 50, "tick",
-        "Hardware in the loop without a message this long ends: half a second.";
+        "Time without a message after which hardware in the loop ends: half a second.";
 }
 
 /// The limits of one setting.
@@ -59,7 +59,7 @@ pub struct Limit {
     pub min: f32,
     /// Largest value.
     pub max: f32,
-    /// Why these.
+    /// The reason for these limits.
     pub source: &'static str,
     /// The value in a set of settings.
     pub value: fn(&SettingsValues) -> f32,

@@ -117,7 +117,7 @@ pub struct Findings {
     pub encoder: SensorStatus,
     /// ε \[-\], from home.
     pub contraction: f32,
-    /// What the person or the link asks for.
+    /// The request of the person or the link.
     pub request: Request,
     /// The reference is at zero, and so is the pressure, unless its sensor has failed: then the
     /// reference has been at zero for long enough.
