@@ -104,7 +104,7 @@ fn f64_any(random: &mut Random) -> f64 {
         0 => f32_any(random).into(),
         1 => f64::from_bits(u64::from(random.next()) << 32 | u64::from(random.next())),
         // All digits.
-        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) * 2.0_f64.powi(-40)),
+        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) / (1_u64 << 40) as f64),
     }
 }
 
