@@ -5,36 +5,36 @@ use num_traits::float::FloatCore;
 /// `f32` on the board, `f64` in the simulator.
 ///
 /// `min` and `max` of the core library leave open which of +0 and −0 they return, and processors
-/// differ. These order −0 below +0 (IEEE 754-2019, minimumNumber and maximumNumber).
+/// differ. libm's are the same code everywhere.
 pub trait Number: FloatCore {
-    /// The smaller of `self` and `bound`; of a number and a NaN the number.
+    /// The smaller of `self` and `bound`; of two zeros `bound`, of a number and a NaN the number.
     fn at_most(self, bound: Self) -> Self;
 
-    /// The larger of `self` and `bound`; of a number and a NaN the number.
+    /// The larger of `self` and `bound`; of two zeros `self`, of a number and a NaN the number.
     fn at_least(self, bound: Self) -> Self;
 }
 
 impl Number for f32 {
     #[inline]
     fn at_most(self, bound: f32) -> f32 {
-        libm::fminimum_numf(self, bound)
+        libm::fminf(self, bound)
     }
 
     #[inline]
     fn at_least(self, bound: f32) -> f32 {
-        libm::fmaximum_numf(self, bound)
+        libm::fmaxf(self, bound)
     }
 }
 
 impl Number for f64 {
     #[inline]
     fn at_most(self, bound: f64) -> f64 {
-        libm::fminimum_num(self, bound)
+        libm::fmin(self, bound)
     }
 
     #[inline]
     fn at_least(self, bound: f64) -> f64 {
-        libm::fmaximum_num(self, bound)
+        libm::fmax(self, bound)
     }
 }
 
@@ -52,10 +52,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn zeros_are_ordered_and_nan_gives_way() {
+    fn the_sign_of_zero_is_defined_and_a_nan_gives_way_to_a_number() {
         for (a, b) in [(0.0_f32, -0.0_f32), (-0.0, 0.0)] {
-            assert_eq!(a.at_least(b).to_bits(), 0.0_f32.to_bits());
-            assert_eq!(a.at_most(b).to_bits(), (-0.0_f32).to_bits());
+            assert_eq!(a.at_least(b).to_bits(), a.to_bits());
+            assert_eq!(a.at_most(b).to_bits(), b.to_bits());
         }
         for (a, b) in [(1.0, f64::NAN), (f64::NAN, 1.0)] {
             assert_eq!((a.at_least(b), a.at_most(b)), (1.0, 1.0));
