@@ -31,7 +31,7 @@ pub fn run_case(
         }
     }?;
     if !known {
-        outcome.outside.push("settings of nobody");
+        outcome.outside.push("unknown settings");
     }
     Ok(outcome)
 }
