@@ -1,10 +1,10 @@
 //! The fault campaign in short; and that it can fail. The whole one: `hil-sim faults`.
 
 use hil_sim::faults::Case;
+use hil_sim::faults::ablation::SafetyFunction;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{KINDS, Kind};
 use hil_sim::faults::outcome::Outcome;
-use model_core::safety::SafetyFunction;
 use muscle_plant::effects::Catalogue;
 use muscle_plant::effects::Effect;
 use rayon::prelude::*;

@@ -10,6 +10,7 @@ use crate::error::BadInput;
 use crate::record::Record;
 use crate::rig::Rig;
 use model_core::assist::Assist;
+use model_core::constants::TICK_PERIOD_MS;
 use model_core::error::SettingsError;
 use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::Muscle;
@@ -30,8 +31,8 @@ use std::ops::Range;
 /// By then the controller has checked itself \[s\].
 pub const CHECKED_S: f64 = 1.0;
 
-/// Period of the controller \[s\], the paper's sampling time.
-pub const TICK_S: f64 = 0.01;
+/// Period of the controller's tick \[s\].
+pub const TICK_S: f64 = TICK_PERIOD_MS as f64 / 1e3;
 
 /// What the person's hand does, as an intended position of the finger on the lever.
 #[derive(Clone, Debug, PartialEq)]

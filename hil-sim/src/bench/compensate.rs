@@ -9,7 +9,7 @@ use crate::bench::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Tracking
 use crate::design;
 use crate::error::BadInput;
 use crate::rig::Rig;
-use model_core::compensation::{Compensation, Memory};
+use model_core::compensation::{Compensation, CompensationState};
 use model_core::controller::Controller;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
@@ -572,7 +572,7 @@ fn loop_of(bench: &Bench) -> Result<(f64, f64), BadInput> {
             force_n_max: f32::INFINITY,
             ..Compensation::OFF
         };
-        let mut memory = Memory::default();
+        let mut memory = CompensationState::default();
         let (mut squares, mut product, mut whole) = (0.0, 0.0, 0.0);
         for tick in &ticks {
             memory.follow(&one, &muscle, tick.contraction as f32);

@@ -83,7 +83,7 @@ pub enum LinkError {
     #[error("no answer from the board for {0:.0} s")]
     NoAnswer(f64),
     /// It is assisting, holding, or letting the weight down.
-    #[error("the board is armed (mode {0:?}): vent it first")]
+    #[error("the board is armed (mode {0}): vent it first")]
     Armed(Mode),
     /// It did not take the settings.
     #[error("the board has not stored the settings: {0:?}")]

@@ -73,7 +73,7 @@ pub fn in_words(identity: &Identity) -> String {
         words += &format!(", which has crashed before: {crash:?}");
     }
     if let Some(fault) = identity.fault {
-        words += &format!(", whose controller had latched {fault:?} before the reset");
+        words += &format!(", whose controller had latched {fault} before the reset");
     }
     words
 }

@@ -145,9 +145,9 @@ pub fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
         let (time_s, output) = (tick.time_s + TICK_S, &tick.output);
         let fault = output
             .fault
-            .map_or(String::new(), |fault| format!(", {fault:?}"));
+            .map_or(String::new(), |fault| format!(", {fault}"));
         let (mode, force_n) = (output.mode, tick.force_n);
-        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode:?}{fault}, {force_n:.0} N");
+        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode}{fault}, {force_n:.0} N");
     }
 }
 

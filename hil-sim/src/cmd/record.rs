@@ -255,7 +255,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let last = ticks.last().map(|tick| tick.output);
     let played = match last.map(|output| (output.mode, output.fault)) {
         Some((Mode::Venting, None)) => "played to its end".into(),
-        Some((_, Some(fault))) => format!("ended by a fault, {fault:?}"),
+        Some((_, Some(fault))) => format!("ended by a fault, {fault}"),
         _ => "interrupted".into(),
     };
     tell(
@@ -275,9 +275,9 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
 fn ended(player: &Player) -> String {
     match player.end() {
         Some(End::Played) => "played to its end".into(),
-        Some(End::Failed(fault)) => format!("ended by a fault, {fault:?}"),
+        Some(End::Failed(fault)) => format!("ended by a fault, {fault}"),
         Some(End::Vented) => "vented before its end".into(),
-        Some(End::Refused(mode)) => format!("not played, the board was in {mode:?}"),
+        Some(End::Refused(mode)) => format!("not played, the board was in {mode}"),
         None => "interrupted".into(),
     }
 }
@@ -420,10 +420,10 @@ impl Progress {
         let pressure_kpa = 1e-3 * output.pressure.0;
         let fault = output
             .fault
-            .map_or(String::new(), |fault| format!(", {fault:?}"));
+            .map_or(String::new(), |fault| format!(", {fault}"));
         let mode = output.mode;
         eprint!(
-            "\r{:.0} s: {mode:?}{fault}, {pressure_kpa:.0} kPa   ",
+            "\r{:.0} s: {mode}{fault}, {pressure_kpa:.0} kPa   ",
             row.time_s
         );
     }

@@ -158,10 +158,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         summary.runs.push(RunSummary {
             name: run.name.clone(),
             tracking: run.tracking,
-            mode: run
-                .ticks
-                .last()
-                .map(|tick| format!("{:?}", tick.output.mode)),
+            mode: run.ticks.last().map(|tick| tick.output.mode.name().into()),
             fault: run.fault(),
             record: path.display().to_string(),
         });

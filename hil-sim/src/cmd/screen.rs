@@ -140,8 +140,8 @@ fn status(view: &View) -> Paragraph<'_> {
     if let Some(tick) = view.ticks.last() {
         let output = &tick.output;
         line("time", format!("{:.2} s", tick.time_s), None);
-        line("mode", format!("{:?}", output.mode), Some(Color::Green));
-        let fault = output.fault.map(|fault| format!("{fault:?}"));
+        line("mode", output.mode.to_string(), Some(Color::Green));
+        let fault = output.fault.map(|fault| fault.to_string());
         let color = fault.as_ref().map(|_| Color::Red);
         line("fault", fault.unwrap_or_else(|| "none".into()), color);
         line("finger", format!("{:.2} N", output.finger_force_n), None);

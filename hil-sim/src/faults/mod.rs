@@ -3,10 +3,12 @@
 //!
 //! A case is its number: the same seed and number give the same case on any machine.
 
+pub mod ablation;
 pub mod bounds;
 pub mod campaign;
 mod instruments;
 pub mod kind;
+mod memory;
 pub mod outcome;
 mod plant;
 pub mod report;

@@ -139,7 +139,7 @@ impl AssistRun {
     /// The fault that the controller had latched at the end.
     pub fn fault(&self) -> Option<String> {
         let fault = self.ticks.last()?.output.fault?;
-        Some(format!("{fault:?}"))
+        Some(fault.name().into())
     }
 }
 
@@ -191,8 +191,8 @@ pub fn tracking_table(runs: &[AssistRun]) -> Table {
             format!("{:.0} N", tracking.reference_force_n_max),
             format!("{:.1} mm", 1e3 * tracking.lift_m_max),
             match modes {
-                Some((mode, None)) => format!("{mode:?}"),
-                Some((mode, Some(fault))) => format!("{mode:?}: {fault:?}"),
+                Some((mode, None)) => mode.name().into(),
+                Some((mode, Some(fault))) => format!("{}: {}", mode.name(), fault.name()),
                 None => String::new(),
             },
         ]

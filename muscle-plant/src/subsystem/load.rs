@@ -2,9 +2,7 @@
 
 use super::term::{Dynamics, Terms};
 use crate::nominal::Weight;
-
-/// Standard gravity g \[m/s²\].
-pub const GRAVITY_M_PER_S2: f64 = 9.80665;
+pub use model_core::constants::GRAVITY_M_PER_S2;
 
 /// What a term of the load block sees.
 #[derive(Clone, Copy, Debug)]

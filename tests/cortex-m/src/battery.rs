@@ -5,12 +5,12 @@ use model_core::assist::{Assist, reference_force_n};
 use model_core::controller::Controller;
 use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::{Muscle, Volume};
+use model_core::number::Number;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, AdcScale, DacCount, EncoderCount, ValveDrive};
 use model_core::valve::mass_flow_kg_per_s;
-use num_traits::float::FloatCore;
 
 /// Name of a part of the battery, and the function that computes its checksum.
 pub type Part = (&'static str, fn() -> u64);
@@ -105,12 +105,12 @@ fn f64_any(random: &mut Random) -> f64 {
         0 => f32_any(random).into(),
         1 => f64::from_bits(u64::from(random.next()) << 32 | u64::from(random.next())),
         // All bits of the mantissa.
-        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) * 2.0_f64.powi(-40)),
+        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) / (1_u64 << 40) as f64),
     }
 }
 
 /// Eqs 1, 2, 6–9 and quantities derived from them.
-fn equations<T: FloatCore>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
+fn equations<T: Number>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
     let (mut random, mut checksum) = (Random::new(2), Checksum::new());
     for _ in 0..DRAWS {
         let mut next = || any(&mut random);
