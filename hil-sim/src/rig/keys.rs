@@ -204,7 +204,11 @@ mod tests {
     fn values_outside_their_range_are_refused() {
         for key in KEYS {
             let old = line_of_key(key, Rig::REFERENCE_TOML);
-            let wrong = [key.min - key.min.abs().max(1.0), 2.0 * key.max, f64::NAN];
+            let wrong = [
+                key.min - key.min.abs().max(1.0),
+                2.0 * key.max,
+                f64::INFINITY,
+            ];
             for value in wrong {
                 let new = format!("{} = {value:?}", key.name);
                 let text = Rig::REFERENCE_TOML.replace(&old, &new);
