@@ -382,7 +382,7 @@ fn the_command_says_it_in_words_and_json() {
         String::from_utf8(output.stdout).expect("text")
     };
     let words = run(&[]);
-    let error = "Error: `pressure_pa` is 100000 throughout, while `pressure_ref_pa` moves.";
+    let error = "Error: `pressure_pa` is 100000 throughout, while `pressure_ref_pa` changes.";
     assert!(words.contains(error), "{words}");
     let json: serde_json::Value = serde_json::from_str(&run(&["--json"])).expect("JSON");
     assert_eq!(json["errors"][0]["finding"], "dead");
