@@ -236,7 +236,7 @@ pub fn check(record: &Record) -> Check {
         errors: Vec::new(),
         warnings,
     };
-    check.errors = check.errors(record);
+    check.errors = check.find_errors(record);
     check
 }
 
@@ -291,7 +291,7 @@ impl Check {
     }
 
     /// The findings that make a diagnosis of `record` impossible.
-    fn errors(&self, record: &Record) -> Vec<Finding> {
+    fn find_errors(&self, record: &Record) -> Vec<Finding> {
         let mut errors = Vec::new();
         let Sampling { rows, length_s, .. } = self.sampling;
         if rows < ROWS_MIN {
@@ -340,7 +340,7 @@ impl Check {
     /// Refuses a record that cannot be diagnosed.
     ///
     /// # Errors
-    /// The first of [`Check::errors`].
+    /// The first of [`Check::errors`](field@Check::errors).
     pub fn refuse(&self, record: &Record) -> Result<(), BadInput> {
         self.errors
             .first()
