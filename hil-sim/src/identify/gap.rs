@@ -5,7 +5,7 @@ use crate::report::{Axis, Plot, Report, Section, Series, Table};
 use muscle_plant::simulation::Simulated;
 use serde::Serialize;
 
-/// The signals that are compared: column, name, unit in reports, and factor from the SI value to it.
+/// The signals that are compared: column, name, unit in reports, factor from the SI value to it.
 pub(crate) const SIGNALS: [(&str, &str, &str, f64); 3] = [
     (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
     (CONTRACTION, "contraction", "%", 100.0),

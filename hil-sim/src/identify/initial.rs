@@ -78,7 +78,7 @@ impl Samples {
         samples
     }
 
-    /// Number of samples in the first `span_s`, but at least [`SAMPLES_MIN`] if the signal has them.
+    /// Number of samples in the first `span_s`, but at least [`SAMPLES_MIN`] if there are as many.
     fn within(&self, span_s: f64) -> usize {
         let count = self.time_s.partition_point(|time_s| *time_s <= span_s);
         count.max(SAMPLES_MIN).min(self.values.len())

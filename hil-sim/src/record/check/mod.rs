@@ -135,7 +135,10 @@ pub enum Finding {
         period_s: f64,
     },
     /// Empty cells.
-    #[error("`{signal}` lacks {:.2} % of its samples, for up to {longest_gap_s:.3} s", 100.0 * .share)]
+    #[error(
+        "`{signal}` lacks {:.2} % of its samples, for up to {longest_gap_s:.3} s",
+        100.0 * .share
+    )]
     Missing {
         /// The column.
         signal: &'static str,
@@ -463,7 +466,8 @@ impl Finding {
                 "a column `{PRESSURE_REF_PA}` or `{PRESSURE_PA}`, found neither"
             )),
             Finding::NoResponse => file(format!(
-                "a signal that depends on the pressure, `{CONTRACTION}` or `{FORCE_N}`, found neither"
+                "a signal that depends on the pressure, `{CONTRACTION}` or `{FORCE_N}`, found \
+                 neither"
             )),
             Finding::Dead {
                 signal,

@@ -21,12 +21,12 @@ const STEP_S: f64 = 0.05;
 const PIECE_S: f64 = 0.1;
 /// The quantile of the rates that is reported.
 const RATE_SHARE: f64 = 0.95;
-/// Number of consecutive samples at the exact extreme that do not occur by chance if the noise is at
-/// least half a sensor step: then the most likely value has a probability of 0.68 at most.
+/// Number of consecutive samples at the exact extreme that do not occur by chance if the noise is
+/// at least half a sensor step: then the most likely value has a probability of 0.68 at most.
 const PLATEAU: usize = 50;
 const DITHER: f64 = 0.5;
-/// Least height of a spike, in standard deviations of the noise and in changes of the samples around
-/// it.
+/// Least height of a spike, in standard deviations of the noise and in changes of the samples
+/// around it.
 const SPIKE: f64 = 10.0;
 const SPIKE_ALONE: f64 = 4.0;
 

@@ -328,8 +328,8 @@ fn numbers(data: &NumericData) -> Vec<f64> {
 /// Largest compression ratio of deflate.
 const PACKED_MAX: u64 = 1032;
 
-/// The numeric arrays of a MATLAB file of version 7.3, which is HDF5 with a group for each struct. A
-/// field of a struct is named `struct.field`.
+/// The numeric arrays of a MATLAB file of version 7.3, which is HDF5 with a group for each struct.
+/// A field of a struct is named `struct.field`.
 fn version_7(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
     let bad = |error: hdf5_pure::Error| BadInput::file(name, format!("an HDF5 file, {error}"));
     let file = hdf5_pure::File::from_bytes(bytes.to_vec()).map_err(bad)?;
