@@ -115,7 +115,7 @@ fn the_weight_is_neither_thrown_nor_dropped() {
     // What is simulated here is what a diagnosis wants.
     let found = check(&simulated);
     assert!(found.errors.is_empty());
-    for block in found.blocks(Some(&rig())) {
+    for block in found.subsystems(Some(&rig())) {
         assert!(block.enough, "{block:?}");
         let blind = block
             .blind_to

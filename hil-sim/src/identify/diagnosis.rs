@@ -6,7 +6,8 @@
 use super::muscle::{Calibrated, MuscleModel};
 use crate::error::BadInput;
 use crate::identify::gap;
-use crate::identify::simulate::{above_vacuum, simulate, simulated};
+use crate::identify::inputs::above_vacuum;
+use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;

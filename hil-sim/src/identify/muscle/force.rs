@@ -1,6 +1,6 @@
 //! The muscle's force along a measured motion.
 
-use crate::identify::simulate::Inputs;
+use crate::identify::inputs::Inputs;
 use crate::record::Record;
 use crate::rig::Rig;
 use muscle_plant::nominal::Load;

@@ -4,7 +4,7 @@ use super::along::Along;
 use super::force::Forces;
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
-use crate::identify::simulate::Inputs;
+use crate::identify::inputs::Inputs;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
