@@ -1,7 +1,8 @@
 //! Finds where simulation and measurement disagree, and which effect is missing.
 //!
-//! [`engine`] fits and predicts, [`choice`] decides, [`left`] tells where residuals live: none of
-//! them knows a muscle. [`muscle`] is the rig as they see it. Here it becomes a diagnosis.
+//! [`model_discrepancy::engine`] fits and predicts, [`model_discrepancy::choice`] decides,
+//! [`model_discrepancy::left`] tells where residuals live: none of them knows a muscle.
+//! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 use super::muscle::{Calibrated, MuscleModel};
 use crate::error::BadInput;
