@@ -1479,7 +1479,7 @@ fn every_form() -> impl Iterator<Item = (&'static EffectKind, &'static Form)> {
 }
 
 fn usual(kind: &'static EffectKind, form: &'static Form) -> Effect {
-    let values = form.parameters.iter().map(|parameter| parameter.usual);
+    let values = form.parameters.iter().map(|parameter| parameter.typical);
     Effect {
         kind,
         form,
@@ -1510,7 +1510,7 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
         .flat_map(|(block, names)| names.split_whitespace().map(move |name| (name, *block)));
     let found: Vec<_> = Catalogue::standard()
         .kinds()
-        .map(|kind| (kind.name, kind.place))
+        .map(|kind| (kind.name, kind.subsystem.name()))
         .collect();
     assert_eq!(found, named.collect::<Vec<_>>());
     for (kind, form) in every_form() {
@@ -1520,7 +1520,7 @@ fn the_catalogue_has_every_name_and_its_parameters_are_in_order() {
         assert_eq!(same_name.count(), 1, "{what}");
         for parameter in form.parameters {
             let inside = |value: f64| (parameter.min..=parameter.max).contains(&value);
-            assert!(inside(parameter.usual), "{what} {}", parameter.name);
+            assert!(inside(parameter.typical), "{what} {}", parameter.name);
             assert!(
                 parameter.neutral.is_none_or(inside),
                 "{what} {}",

@@ -1,10 +1,10 @@
-//! `flow-limit`: the valve's ports pass only so much air.
+//! `flow-limit`: the ports of the valve limit its flow.
 
 use super::orifice::Orifice;
-use super::{EffectKind, Form, Parameter};
-use crate::subsystem::Term;
+use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
+use crate::subsystem::{Subsystem, Term};
 use model_core::pressure::AbsolutePa;
 
 /// No limit, to rounding \[kg/(s·Pa)\].
@@ -27,19 +27,26 @@ const EXHAUSTING: Parameter = Parameter {
 /// Catalogues of pneumatic valves give 0.2 to 0.5.
 const CRITICAL_RATIO: Parameter = Parameter::new("critical_ratio", "1", (0.0, 0.6), 0.3);
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "flow-limit",
-    place: "valve",
-    signature: "Large steps ramp while small ones do not: seen in an amplitude sweep.",
-    test_signal: "steps of 20, 50, 100 and 200 kPa, up and down; only the large ones ramp.",
+    subsystem: Subsystem::Valve,
+    equations: &[Equation::Gas],
+    requires: &[],
+    signature: "The pressure rises at a limited rate after large steps and not after small ones: \
+                visible in an amplitude sweep.",
+    test_signal: "steps of 20, 50, 100 and 200 kPa, up and down; only the large ones become ramps.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Unavailable("the valve cannot supply more flow than this"),
     forms: &[
         Form {
             name: "choked-orifice",
             parameters: &[FILLING, EXHAUSTING, CRITICAL_RATIO],
-            source: "Upper limits of the flow by ISO 6358-1 with the sonic conductance as mass \
-                     flow over upstream pressure, for the supply port and the exhaust port, and \
-                     one critical ratio for both. Leaves out temperature and a rounded onset.",
+            source: "Upper limits of the flow by ISO 6358-1 for the supply port and the exhaust \
+                     port, with sonic conductances as mass flow over upstream pressure and one \
+                     critical ratio. Leaves out temperature and a rounded onset.",
             build: |values| orifices(values, false),
+            observation: None,
         },
         Form {
             name: "rounded",
@@ -47,6 +54,7 @@ pub(super) const KIND: EffectKind = EffectKind {
             source: "The choked orifices in series with the valve's linear opening, G⁻² = Σ G⁻²: \
                      resistances of turbulent flow add so. Leaves out temperature.",
             build: |values| orifices(values, true),
+            observation: None,
         },
         Form {
             name: "saturation",
@@ -55,13 +63,14 @@ pub(super) const KIND: EffectKind = EffectKind {
                     .log()
                     .neutral(WIDE_KG_PER_S),
             ],
-            source: "One largest flow, approached as tanh. Leaves out that a port passes more at \
-                     higher upstream pressure.",
+            source: "One largest flow, approached as tanh. Leaves out that the flow limit grows \
+                     with upstream pressure.",
             build: |values| {
                 Term::Valve(Box::new(Saturation {
                     flow_kg_per_s: values[0],
                 }))
             },
+            observation: None,
         },
     ],
 };
@@ -86,13 +95,13 @@ struct Orifices {
 
 impl Orifices {
     /// Largest flow in the direction of `flow_kg_per_s` \[kg/s\].
-    fn limit_kg_per_s(&self, at: &ValvePoint, flow_kg_per_s: f64) -> f64 {
-        let absolute = |pressure: f64| AbsolutePa(pressure + at.atmospheric.0);
-        let port = absolute(at.port.0);
+    fn limit_kg_per_s(&self, point: &ValvePoint, flow_kg_per_s: f64) -> f64 {
+        let absolute = |pressure: f64| AbsolutePa(pressure + point.atmospheric.0);
+        let port = absolute(point.port.0);
         if flow_kg_per_s > 0.0 {
-            self.filling.flow_kg_per_s(absolute(at.supply.0), port)
+            self.filling.flow_kg_per_s(absolute(point.supply.0), port)
         } else {
-            self.exhausting.flow_kg_per_s(port, at.atmospheric)
+            self.exhausting.flow_kg_per_s(port, point.atmospheric)
         }
     }
 }
@@ -100,11 +109,11 @@ impl Orifices {
 impl Dynamics<ValvePoint> for Orifices {}
 
 impl ValveTerm for Orifices {
-    fn flow_kg_per_s(&self, at: &ValvePoint, _: &[f64], flow_kg_per_s: f64) -> f64 {
+    fn flow_kg_per_s(&self, point: &ValvePoint, _: &[f64], flow_kg_per_s: f64) -> f64 {
         if flow_kg_per_s == 0.0 {
             return 0.0;
         }
-        let limit_kg_per_s = self.limit_kg_per_s(at, flow_kg_per_s);
+        let limit_kg_per_s = self.limit_kg_per_s(point, flow_kg_per_s);
         if self.rounded {
             let ratio = limit_kg_per_s / flow_kg_per_s;
             limit_kg_per_s.copysign(flow_kg_per_s) / (1.0 + ratio * ratio).sqrt()

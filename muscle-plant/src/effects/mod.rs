@@ -8,16 +8,20 @@
 //! A measured rig follows none of the forms exactly: each states its source and what it leaves out.
 
 mod catalogue;
+mod compensation;
 mod kind;
+mod observation;
 mod orifice;
 
 pub use catalogue::Catalogue;
-pub use kind::{Effect, EffectKind, Form, Parameter};
+pub use compensation::{AddedFriction, CompensationMethod, DeadZoneWidths};
+pub use kind::{DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter, Requirement};
+pub use observation::{DecayingForce, Observation};
 
 /// Declares the file of each effect and lists it in the catalogue, in this order.
 macro_rules! effects {
     ($($effect:ident)*) => {
-        $(mod $effect;)*
+        $(pub mod $effect;)*
         const STANDARD: &[&EffectKind] = &[$(&$effect::KIND),*];
     };
 }
@@ -92,7 +96,7 @@ mod tests {
     /// term of the muscle that has states, by the midpoint rule in 5000 of them.
     #[test]
     fn terms_follow_their_inputs_as_their_rates_say() {
-        let at = |time_s: f64, direction: f64| MusclePoint {
+        let point = |time_s: f64, direction: f64| MusclePoint {
             time_s,
             contraction: 0.06 + 0.04 * direction * time_s,
             contraction_rate_per_s: 0.04 * direction,
@@ -102,7 +106,7 @@ mod tests {
         let mut compared = Vec::new();
         for kind in Catalogue::standard().kinds() {
             for form in kind.forms {
-                let values: Vec<f64> = form.parameters.iter().map(|p| p.usual).collect();
+                let values: Vec<f64> = form.parameters.iter().map(|p| p.typical).collect();
                 let term = match (form.build)(&values) {
                     Term::Muscle(term) => Some(term),
                     Term::Line(term) => term.with_measured_pressure(Some(air())),
@@ -113,10 +117,14 @@ mod tests {
                 };
                 for direction in [1.0, -1.0] {
                     let mut followed = vec![0.0; term.states()];
-                    term.steady_state(&at(0.0, direction), &mut followed);
-                    term.bias_memory(&at(0.0, direction), 0.3, &mut followed);
+                    term.steady_state(&point(0.0, direction), &mut followed);
+                    term.bias_memory(&point(0.0, direction), 0.3, &mut followed);
                     let mut integrated = followed.clone();
-                    term.propagate(&at(0.0, direction), &at(0.5, direction), &mut followed);
+                    term.propagate(
+                        &point(0.0, direction),
+                        &point(0.5, direction),
+                        &mut followed,
+                    );
                     let step_s = 1e-4;
                     for step in 0..5000 {
                         let begin_s = f64::from(step) * step_s;
@@ -125,12 +133,12 @@ mod tests {
                             [(begin_s, 0.5 * step_s), (begin_s + 0.5 * step_s, step_s)]
                         {
                             let mut rates = vec![0.0; moved.len()];
-                            term.rates(&at(time_s, direction), &moved, &mut rates);
+                            term.rates(&point(time_s, direction), &moved, &mut rates);
                             let begins = integrated.iter().zip(&rates);
                             moved = begins.map(|(own, rate)| own + length_s * rate).collect();
                         }
                         integrated = moved;
-                        term.accept_step(&at(begin_s + step_s, direction), &mut integrated);
+                        term.accept_step(&point(begin_s + step_s, direction), &mut integrated);
                     }
                     for (a, b) in followed.iter().zip(&integrated) {
                         assert!(

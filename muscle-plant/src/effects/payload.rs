@@ -1,27 +1,34 @@
-//! `payload`: the mass is not the nominal one.
+//! `payload`: a mass beside the nominal one.
 
-use super::{EffectKind, Form, Parameter};
-use crate::subsystem::Term;
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
+use crate::nominal::Weight;
 use crate::subsystem::load::{LoadPoint, LoadTerm};
 use crate::subsystem::term::Dynamics;
-use crate::nominal::Weight;
+use crate::subsystem::{Subsystem, Term};
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "payload",
-    place: "load",
+    subsystem: Subsystem::Load,
+    equations: &[Equation::Load],
+    requires: &[Requirement::Motion],
     signature: "Weight and inertia change together: the equilibrium and the natural frequency.",
     test_signal: "the same triangles with a known weight added; equilibrium and natural frequency \
-                 move \
-                 together.",
+                  change together.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Payload(|effect| effect.value("mass_kg").unwrap_or(0.0)),
     forms: &[Form {
         name: "mass",
         parameters: &[Parameter::new("mass_kg", "kg", (-1e3, 1e3), 1.0).neutral(0.0)],
         source: "Eq 5 with another mass. Leaves out a payload that swings.",
         build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
+        observation: None,
     }],
 };
 
-/// The smallest mass that a payload may leave \[kg\], so that Eq 5 stays solvable.
+/// Smallest total mass \[kg\]: with none Eq 5 has no solution.
 const MASS_KG_MIN: f64 = 1e-3;
 
 struct Payload {

@@ -1,14 +1,17 @@
 //! `supply-droop`: a small reservoir behind a restriction feeds the valve.
 
 use super::orifice::Orifice;
-use super::{AIR_TEMPERATURE_K, EffectKind, Form, Parameter, STATE_PA};
-use crate::subsystem::Term;
+use super::{
+    AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
+    Parameter, STATE_PA,
+};
 use crate::subsystem::gas::GAS_CONSTANT_J_PER_KG_K;
 use crate::subsystem::supply::{SupplyPoint, SupplyTerm};
 use crate::subsystem::term::Dynamics;
+use crate::subsystem::{Subsystem, Term};
 use model_core::pressure::{AbsolutePa, GaugePa};
 
-/// A reservoir that nothing empties, to rounding \[m³\].
+/// Volume of a reservoir whose pressure is constant, to rounding \[m³\].
 const LARGE_M3: f64 = 1e9;
 
 const RESERVOIR_VOLUME_M3: Parameter =
@@ -19,41 +22,51 @@ const RECOVERY_TIME_S: Parameter = Parameter::new("recovery_time_s", "s", (1e-3,
 const REFILL: Parameter =
     Parameter::new("conductance_kg_per_pa_s", "kg/(Pa·s)", (1e-12, 1e-7), 2e-9).log();
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "supply-droop",
-    place: "supply",
-    signature: "Upward steps near supply pressure run short after heavy use; downward ones do not.",
-    test_signal: "ten large steps up in quick succession with the supply's pressure recorded.",
+    subsystem: Subsystem::Supply,
+    equations: &[Equation::Gas],
+    requires: &[],
+    signature: "Upward steps near supply pressure fall short after large air consumption; downward \
+                ones do not.",
+    test_signal: "ten large steps up in quick succession, with the supply pressure recorded.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Unavailable("the supply cannot deliver more air than this"),
     forms: &[
         Form {
             name: "linear",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), RECOVERY_TIME_S],
-            source: "Isothermal reservoir, linear restriction towards the nominal supply; air that \
-                     flows back from the muscle is in it again. Leaves out a regulator's own \
-                     dynamics.",
+            source: "Isothermal reservoir with a linear restriction towards the nominal supply; \
+                     air that flows back from the muscle returns to it. Leaves out the dynamics of \
+                     a regulator.",
             build: |values| linear(values, false),
+            observation: None,
         },
         Form {
             name: "checked",
-            // With any volume the check valve is there.
+            // No neutral value: the check valve acts with any volume.
             parameters: &[RESERVOIR_VOLUME_M3, RECOVERY_TIME_S],
-            source: "The same behind a check valve, which keeps in the muscle what would flow \
-                     back. Leaves out a regulator's own dynamics.",
+            source: "The same behind a check valve, which keeps air from flowing back. Leaves out \
+                     the dynamics of a regulator.",
             build: |values| linear(values, true),
+            observation: None,
         },
         Form {
             name: "orifice",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), REFILL],
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
                      ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
-                     a regulator's own dynamics.",
+                     the dynamics of a regulator.",
             build: |values| orifice(values, false),
+            observation: None,
         },
         Form {
             name: "checked-orifice",
             parameters: &[RESERVOIR_VOLUME_M3, REFILL],
-            source: "The same behind a check valve. Leaves out a regulator's own dynamics.",
+            source: "The same behind a check valve. Leaves out the dynamics of a regulator.",
             build: |values| orifice(values, true),
+            observation: None,
         },
     ],
 };
@@ -79,11 +92,11 @@ fn reservoir(volume_m3: f64, refill: Refill, checked: bool) -> Term {
     }))
 }
 
-/// What brings the reservoir back.
+/// The flow that refills the reservoir.
 enum Refill {
-    /// In proportion to the droop.
+    /// Proportional to the droop.
     Linear { recovery_time_s: f64 },
-    /// What an orifice passes.
+    /// The flow of an orifice.
     Orifice(Orifice),
 }
 
@@ -91,7 +104,7 @@ enum Refill {
 struct Reservoir {
     volume_m3: f64,
     refill: Refill,
-    /// Air does not flow back into it.
+    /// A check valve keeps air from flowing back into it.
     checked: bool,
 }
 
@@ -100,17 +113,17 @@ impl Dynamics<SupplyPoint> for Reservoir {
         1
     }
 
-    fn rates(&self, at: &SupplyPoint, state: &[f64], rates: &mut [f64]) {
+    fn rates(&self, point: &SupplyPoint, state: &[f64], rates: &mut [f64]) {
         let per_mass = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K / (self.volume_m3 * STATE_PA);
         let refill_per_s = match &self.refill {
             Refill::Linear { recovery_time_s } => state[0] / recovery_time_s,
             Refill::Orifice(orifice) => {
-                let supply = AbsolutePa(at.nominal.0 + at.atmospheric.0);
+                let supply = AbsolutePa(point.nominal.0 + point.atmospheric.0);
                 let reservoir = AbsolutePa(supply.0 - state[0] * STATE_PA);
                 orifice.flow_kg_per_s(supply, reservoir) * per_mass
             }
         };
-        rates[0] = at.drawn_kg_per_s * per_mass - refill_per_s;
+        rates[0] = point.drawn_kg_per_s * per_mass - refill_per_s;
     }
 }
 

@@ -1,30 +1,40 @@
 //! `valve-lag`: the valve follows its reference with a lag.
 
-use super::{EffectKind, Form, INSTANT_S, Parameter, STATE_PA};
-use crate::subsystem::Term;
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, INSTANT_S, Parameter,
+    STATE_PA,
+};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
+use crate::subsystem::{Subsystem, Term};
 use model_core::pressure::GaugePa;
 
 const TIME_CONSTANT_S: Parameter =
     Parameter::new("time_constant_s", "s", (0.0, 2.0), 0.03).neutral(0.0);
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "valve-lag",
-    place: "valve",
-    signature: "Every change of the pressure is rounded by the same time constant, at any amplitude.",
-    test_signal: "steps of 20, 50, 100 and 200 kPa; the same rounding at every size is a lag.",
+    subsystem: Subsystem::Valve,
+    equations: &[Equation::Gas],
+    requires: &[],
+    signature: "Every change of the pressure is rounded with the same time constant, at any \
+                amplitude.",
+    test_signal: "steps of 20, 50, 100 and 200 kPa; a lag rounds all of them in the same way.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Lag,
     forms: &[
         Form {
             name: "first-order",
             parameters: &[TIME_CONSTANT_S],
-            source: "First-order lag of the reference; below 0.02 ms none. Leaves out a \
+            source: "First-order lag of the reference; none below 0.02 ms. Leaves out a \
                      second-order spool.",
             build: |values| {
                 Term::Valve(Box::new(FirstOrder {
                     time_constant_s: values[0],
                 }))
             },
+            observation: None,
         },
         Form {
             name: "second-order",
@@ -32,14 +42,15 @@ pub(super) const KIND: EffectKind = EffectKind {
                 TIME_CONSTANT_S,
                 Parameter::new("damping_ratio", "1", (0.1, 5.0), 0.7).log(),
             ],
-            source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): a spool's mass on its \
-                     spring; below 0.02 ms none. Leaves out its limits of travel and speed.",
+            source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): the spool's mass on \
+                     its spring; none below 0.02 ms. Leaves out limits of travel and speed.",
             build: |values| {
                 Term::Valve(Box::new(SecondOrder {
                     time_constant_s: values[0],
                     damping_ratio: values[1],
                 }))
             },
+            observation: None,
         },
     ],
 };
@@ -54,12 +65,12 @@ impl Dynamics<ValvePoint> for FirstOrder {
         usize::from(self.time_constant_s >= INSTANT_S)
     }
 
-    fn steady_state(&self, at: &ValvePoint, state: &mut [f64]) {
-        state[0] = at.reference.0 / STATE_PA;
+    fn steady_state(&self, point: &ValvePoint, state: &mut [f64]) {
+        state[0] = point.reference.0 / STATE_PA;
     }
 
-    fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
-        rates[0] = (at.reference.0 / STATE_PA - state[0]) / self.time_constant_s;
+    fn rates(&self, point: &ValvePoint, state: &[f64], rates: &mut [f64]) {
+        rates[0] = (point.reference.0 / STATE_PA - state[0]) / self.time_constant_s;
     }
 }
 
@@ -86,12 +97,12 @@ impl Dynamics<ValvePoint> for SecondOrder {
         }
     }
 
-    fn steady_state(&self, at: &ValvePoint, state: &mut [f64]) {
-        state.copy_from_slice(&[at.reference.0 / STATE_PA, 0.0]);
+    fn steady_state(&self, point: &ValvePoint, state: &mut [f64]) {
+        state.copy_from_slice(&[point.reference.0 / STATE_PA, 0.0]);
     }
 
-    fn rates(&self, at: &ValvePoint, state: &[f64], rates: &mut [f64]) {
-        let pull = at.reference.0 / STATE_PA - state[0] - 2.0 * self.damping_ratio * state[1];
+    fn rates(&self, point: &ValvePoint, state: &[f64], rates: &mut [f64]) {
+        let pull = point.reference.0 / STATE_PA - state[0] - 2.0 * self.damping_ratio * state[1];
         rates[0] = state[1] / self.time_constant_s;
         rates[1] = pull / self.time_constant_s;
     }
