@@ -177,12 +177,72 @@ impl Observation for Backlash {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{
+        CLAMPED, STEP_S, assert_near, bench, effect, force_n, largest_difference, run, through,
+    };
     use super::*;
     use model_core::pressure::GaugePa;
 
-    /// A wave whose turns pass the plays, some only the near one.
+    const LENGTH_M: f64 = CLAMPED.muscle.initial_length_m;
+
     #[test]
-    fn the_near_share_is_what_is_left_without_the_further_play() {
+    fn backlash_is_a_play_operator_on_the_reading() {
+        let path = [(0.0, 0.02), (1.0, 0.1), (2.0, 0.03), (3.0, 0.1)];
+        let inputs = bench(STEP_S, 301, through(path), |_| 2e5);
+        let half_width = 0.5 * 1.2e-3 / LENGTH_M;
+        for (form, start) in [
+            ("play", 0.0),
+            ("play-from-a-side", -1.0),
+            ("play-from-a-side", 1.0),
+        ] {
+            let mut parameters = vec![("play_m", 1.2e-3)];
+            parameters.extend((form != "play").then_some(("start", start)));
+            let loose = || [effect(&KIND, form, &parameters)];
+            let mut expected = inputs.contraction[0] + start * half_width;
+            let read = run(&CLAMPED, &loose(), &inputs).contraction;
+            for (read, truth) in read.iter().zip(&inputs.contraction) {
+                expected = expected.clamp(truth - half_width, truth + half_width);
+                assert_near(*read, expected, 1e-12, form);
+            }
+            assert_eq!(force_n(&loose(), &inputs), force_n(&[], &inputs));
+        }
+    }
+
+    /// The mean of both plays is the given one, and each follows its own operator.
+    #[test]
+    fn a_graded_backlash_is_a_sum_of_two() {
+        let path = [
+            (0.0, 0.02),
+            (1.0, 0.1),
+            (2.0, 0.097),
+            (3.0, 0.1),
+            (4.0, 0.03),
+        ];
+        let inputs = bench(STEP_S, 401, through(path), |_| 2e5);
+        let (half_width, grade, far_share) = (0.5 * 1.2e-3 / LENGTH_M, 0.8, 0.3);
+        let near = half_width * 0.76;
+        let far = near + half_width * grade;
+        assert_near(0.7 * near + 0.3 * far, half_width, 1e-15, "mean");
+        let parameters = [
+            ("play_m", 1.2e-3),
+            ("grade", grade),
+            ("far_share", far_share),
+            ("start", 1.0),
+        ];
+        let loose = [effect(&KIND, "graded", &parameters)];
+        let read = run(&CLAMPED, &loose, &inputs).contraction;
+        let mut shares = [inputs.contraction[0] + near, inputs.contraction[0] + far];
+        for (read, truth) in read.iter().zip(&inputs.contraction) {
+            for (share, half_width) in shares.iter_mut().zip([near, far]) {
+                *share = share.clamp(truth - half_width, truth + half_width);
+            }
+            assert_near(*read, 0.7 * shares[0] + 0.3 * shares[1], 1e-12, "graded");
+        }
+    }
+
+    /// A wave with reversals that exceed both plays, and some that exceed the smaller one only.
+    #[test]
+    fn the_reading_of_the_near_share_is_recovered_from_a_graded_backlash() {
         let loose = Backlash {
             play_m: 1.2e-3,
             grade: 0.8,
@@ -210,16 +270,11 @@ mod tests {
             near.push(state[0]);
             read.push(reading.contraction);
         }
-        let found = loose
-            .without_further_backlash(0.3, &read)
-            .expect("further play");
-        let apart = |a: &[f64], b: &[f64]| {
-            let gaps = a.iter().zip(b).map(|(a, b)| (a - b).abs());
-            gaps.fold(0.0, f64::max)
-        };
-        assert!(apart(&found, &near) < 1e-12, "{}", apart(&found, &near));
-        assert!(apart(&read, &near) > 4e-4, "{}", apart(&read, &near));
-        // Of a play that is not graded nothing is left to take off.
+        let found = loose.without_further_backlash(0.3, &read);
+        let found = found.expect("a graded backlash");
+        let error = largest_difference(&found, &near);
+        assert!(error < 1e-12, "{error}");
+        assert!(largest_difference(&read, &near) > 4e-4);
         let plain = Backlash {
             grade: 0.0,
             ..loose

@@ -87,3 +87,30 @@ impl MuscleTerm for Polynomial {
         force_n - (self.linear_n + self.quadratic_n * relative) * relative
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{STEP_S, added_n, assert_near, bench, effect, through};
+    use super::KIND;
+
+    fn assert_force(form: &str, values: &[(&str, f64)], expected_n: impl Fn(f64) -> f64) {
+        let ramp = bench(STEP_S, 101, through([(0.0, 0.0), (1.0, 0.25)]), |t| 2e5 * t);
+        let added = added_n(&effect(&KIND, form, values), &ramp);
+        for (row, added) in added.iter().enumerate() {
+            let contraction = 0.25 * row as f64 * STEP_S;
+            assert_near(*added, expected_n(contraction), 1e-8, form);
+        }
+    }
+
+    #[test]
+    fn the_force_is_its_formula_at_every_contraction_and_pressure() {
+        let parameters = [("force_n", 60.0), ("growth", 12.0)];
+        assert_force("exponential", &parameters, |contraction| {
+            -60.0 * ((12.0 * contraction).exp() - 1.0) / (3.0_f64.exp() - 1.0)
+        });
+        let parameters = [("linear_n", 30.0), ("quadratic_n", -80.0)];
+        assert_force("polynomial", &parameters, |contraction| {
+            -30.0 * (contraction / 0.25) + 80.0 * (contraction / 0.25).powi(2)
+        });
+    }
+}

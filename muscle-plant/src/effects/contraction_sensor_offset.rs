@@ -38,3 +38,18 @@ impl SensorTerm for ContractionSensorOffset {
         reading.contraction += self.offset;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_near, effect, read_and_inverted, truth};
+    use super::KIND;
+
+    #[test]
+    fn the_offset_is_added_to_the_contraction_and_removed_again() {
+        let offset = effect(&KIND, "constant", &[("offset", 0.01)]);
+        let [read, inverted] = read_and_inverted(&offset, 0.0, truth(2e5, 0.1));
+        assert_near(read.contraction, 0.11, 1e-12, "reading");
+        assert_eq!((read.pressure.0, read.force_n), (2e5, 200.0));
+        assert_near(inverted.contraction, 0.1, 1e-12, "truth");
+    }
+}

@@ -230,3 +230,6 @@ impl Observation for Relaxations {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

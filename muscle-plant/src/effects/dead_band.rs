@@ -101,3 +101,63 @@ impl<F: Fn(f64, f64) -> f64 + Send + Sync> MuscleTerm for DeadBand<F> {
         force_n - law.force_per_pressure_m2(point.contraction) * lost_pa
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        CLAMPED, STEP_S, added_n, assert_near, bench, driven, effect, force_n, largest_difference,
+        pressure_pa, through,
+    };
+    use super::KIND;
+    use model_core::pressure::GaugePa;
+
+    #[test]
+    fn a_sharp_dead_band_reduces_the_pressure_by_the_threshold() {
+        let dead = || [effect(&KIND, "sharp", &[("pressure_pa", 2e4)])];
+        let wave = driven(4.0, |time_s| 2e5 + 5e4 * (3.0 * time_s).sin());
+        let found_pa = pressure_pa(&dead(), &wave);
+        assert_eq!(found_pa, pressure_pa(&[], &wave));
+        let expected_n: Vec<f64> = found_pa
+            .iter()
+            .map(|pressure_pa| CLAMPED.muscle.force_n(0.1, GaugePa(pressure_pa - 2e4)))
+            .collect();
+        assert!(largest_difference(&force_n(&dead(), &wave), &expected_n) < 1e-9);
+    }
+
+    /// Compares the force on a ramp of contraction and pressure with the lost pressure by formula.
+    fn assert_lost(form: &str, values: &[(&str, f64)], lost_pa: impl Fn(f64) -> f64) {
+        let ramp = bench(STEP_S, 101, through([(0.0, 0.0), (1.0, 0.25)]), |t| 2e5 * t);
+        let added = added_n(&effect(&KIND, form, values), &ramp);
+        for (row, added) in added.iter().enumerate() {
+            let share = row as f64 * STEP_S;
+            let per_pressure_m2 = CLAMPED.muscle.force_per_pressure_m2(0.25 * share);
+            assert_near(*added, -per_pressure_m2 * lost_pa(2e5 * share), 1e-8, form);
+        }
+    }
+
+    #[test]
+    fn a_rounded_dead_band_approaches_the_threshold_exponentially() {
+        assert_lost("rounded", &[("pressure_pa", 2e4)], |pressure_pa| {
+            2e4 * (1.0 - (-pressure_pa / 2e4).exp())
+        });
+    }
+
+    /// The mean of min(pressure, threshold) is the integral of the share of thresholds above a
+    /// pressure.
+    #[test]
+    fn a_spread_dead_band_is_the_mean_over_its_thresholds() {
+        let (dead_pa, sharpness) = (2e4, 2.0_f64);
+        let centre_pa =
+            sharpness * dead_pa / (1.0 + (-sharpness).exp()) / (1.0 + sharpness.exp()).ln();
+        let above = |pressure_pa: f64| {
+            let share = |pa: f64| 1.0 / (1.0 + (sharpness * (pa / centre_pa - 1.0)).exp());
+            share(pressure_pa) / share(0.0)
+        };
+        let parameters = [("pressure_pa", dead_pa), ("sharpness", sharpness)];
+        assert_lost("spread", &parameters, |pressure_pa| {
+            let step_pa = pressure_pa / 1e5;
+            let middles = (0..100_000).map(|i| (f64::from(i) + 0.5) * step_pa);
+            middles.map(|pa| above(pa) * step_pa).sum::<f64>()
+        });
+    }
+}

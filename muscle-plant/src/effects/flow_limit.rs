@@ -137,3 +137,84 @@ impl ValveTerm for Saturation {
         self.flow_kg_per_s * (flow_kg_per_s / self.flow_kg_per_s).tanh()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        ATMOSPHERIC_PA, CLAMPED, FLOW_GAIN_KG_PER_PA_S, assert_near, driven_every, effect,
+        pressure_pa,
+    };
+    use super::KIND;
+    use crate::effects::Effect;
+    use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
+
+    const FILLING_KG_PER_PA_S: f64 = 2e-9;
+    const EXHAUSTING_KG_PER_PA_S: f64 = 3e-9;
+    /// Choked flow from the supply \[kg/s\].
+    const CHOKED_KG_PER_S: f64 = FILLING_KG_PER_PA_S * (5e5 + ATMOSPHERIC_PA);
+
+    fn ports(form: &str, critical_ratio: f64) -> Effect {
+        let parameters = [
+            ("filling_conductance_kg_per_pa_s", FILLING_KG_PER_PA_S),
+            ("exhausting_conductance_kg_per_pa_s", EXHAUSTING_KG_PER_PA_S),
+            ("critical_ratio", critical_ratio),
+        ];
+        effect(&KIND, form, &parameters)
+    }
+
+    /// Flow right after a step of the reference: rate of the pressure over κRθ/V, in a row of
+    /// 0.1 ms, in which the pressure changes by less than 1 % of the step.
+    fn flow_kg_per_s(effects: &[Effect], from_pa: f64, to_pa: f64) -> f64 {
+        const ROW_S: f64 = 1e-4;
+        let step_s = 39.5 * ROW_S;
+        let mut inputs = driven_every(ROW_S, 80.0 * ROW_S, |t| {
+            if t < step_s { from_pa } else { to_pa }
+        });
+        inputs.pressure_pa.fill(from_pa);
+        let found_pa = pressure_pa(effects, &inputs);
+        let volume_m3 = CLAMPED.volume.expect("a volume").volume_m3(0.1);
+        let rate_pa_per_s = (found_pa[41] - found_pa[40]) / ROW_S;
+        rate_pa_per_s * volume_m3 / (HEAT_RATIO * GAS_CONSTANT_J_PER_KG_K * 293.0)
+    }
+
+    #[track_caller]
+    fn assert_flow(effect: Effect, [from_pa, to_pa]: [f64; 2], expected: f64, share: f64) {
+        let found = flow_kg_per_s(&[effect], from_pa, to_pa);
+        assert_near(found, expected, share * expected.abs(), "flow");
+    }
+
+    #[test]
+    fn choked_ports_limit_large_steps_and_not_small_ones() {
+        let exhausting = EXHAUSTING_KG_PER_PA_S * (3e5 + ATMOSPHERIC_PA);
+        assert_flow(
+            ports("choked-orifice", 0.3),
+            [5e4, 2e5],
+            CHOKED_KG_PER_S,
+            0.01,
+        );
+        assert_flow(ports("choked-orifice", 0.3), [3e5, 1e5], -exhausting, 0.01);
+        let small = flow_kg_per_s(&[], 5e4, 5.5e4);
+        assert_flow(ports("choked-orifice", 0.3), [5e4, 5.5e4], small, 1e-6);
+    }
+
+    /// From 400 kPa the supply port is subsonic: the ellipse of ISO 6358-1.
+    #[test]
+    fn a_port_that_is_not_choked_follows_the_ellipse() {
+        let ratio: f64 = (4e5 + ATMOSPHERIC_PA) / (5e5 + ATMOSPHERIC_PA);
+        for critical_ratio in [0.3, 0.5] {
+            let relative = (ratio - critical_ratio) / (1.0 - critical_ratio);
+            let subsonic = CHOKED_KG_PER_S * (1.0 - relative.powi(2)).sqrt();
+            let ports = ports("choked-orifice", critical_ratio);
+            assert_flow(ports, [4e5, 5e5], subsonic, 0.01);
+        }
+    }
+
+    #[test]
+    fn rounded_and_saturated_flows_follow_their_formulas() {
+        let linear = FLOW_GAIN_KG_PER_PA_S * 1e4;
+        let series = linear * CHOKED_KG_PER_S / linear.hypot(CHOKED_KG_PER_S);
+        assert_flow(ports("rounded", 0.3), [5e4, 6e4], series, 0.02);
+        let saturation = effect(&KIND, "saturation", &[("flow_kg_per_s", 1e-3)]);
+        assert_flow(saturation, [5e4, 6e4], 1e-3 * (linear / 1e-3).tanh(), 0.02);
+    }
+}

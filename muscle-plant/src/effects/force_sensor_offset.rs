@@ -40,3 +40,27 @@ impl SensorTerm for ForceSensorOffset {
         reading.force_n += self.offset_n;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::slack;
+    use super::super::testing::{STEP_S, bench, effect, force_n};
+    use super::KIND;
+
+    /// Slack limits the force and not its reading.
+    #[test]
+    fn the_offset_is_read_also_where_the_muscle_is_slack() {
+        let inputs = bench(STEP_S, 101, |_| 0.2, |time_s| 3e5 * time_s);
+        let loose = effect(&slack::KIND, "sharp", &[]);
+        let offset = effect(&KIND, "constant", &[("offset_n", -7.0)]);
+        let true_n = force_n(std::slice::from_ref(&loose), &inputs);
+        let read_n = force_n(&[offset, loose], &inputs);
+        assert!(true_n[0] == 0.0 && true_n[100] > 100.0);
+        let errors_n = true_n.iter().zip(&read_n).map(|(truth, read)| read - truth);
+        assert!(
+            errors_n
+                .map(|error_n| error_n + 7.0)
+                .all(|n| n.abs() < 1e-9)
+        );
+    }
+}

@@ -145,3 +145,77 @@ impl LoadTerm for LuGre {
         *force_n -= self.force_n * state[0];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{effect, largest_difference, run, steps};
+    use super::KIND;
+    use crate::effects::Effect;
+    use crate::nominal::{Load, Nominal, Weight};
+
+    fn contraction(nominal: &Nominal, effects: &[Effect]) -> Vec<f64> {
+        run(nominal, effects, &steps(4.0)).contraction
+    }
+
+    /// Contraction of the reference rig with 8 N more dry friction.
+    fn with_more_friction() -> Vec<f64> {
+        let nominal = Nominal::REFERENCE;
+        let Load::Weight(weight) = nominal.load else {
+            panic!("the reference rig has a weight");
+        };
+        let rough = Nominal {
+            load: Load::Weight(Weight {
+                coulomb_friction_n: weight.coulomb_friction_n + 8.0,
+                static_friction_n: weight.static_friction_n + 8.0,
+                ..weight
+            }),
+            ..nominal
+        };
+        contraction(&rough, &[])
+    }
+
+    #[test]
+    fn coulomb_friction_adds_to_that_of_the_rig() {
+        let coulomb = effect(&KIND, "coulomb", &[("force_n", 8.0)]);
+        assert_eq!(
+            contraction(&Nominal::REFERENCE, &[coulomb]),
+            with_more_friction()
+        );
+    }
+
+    /// At a Stribeck speed far above any speed of the rig the static excess acts as Coulomb
+    /// friction; far below it acts at rest only.
+    #[test]
+    fn stribeck_friction_is_coulomb_friction_in_its_limits() {
+        let stribeck = |static_ratio: f64, speed_m_per_s: f64| {
+            let parameters = [
+                ("force_n", 8.0 / static_ratio),
+                ("static_ratio", static_ratio),
+                ("speed_m_per_s", speed_m_per_s),
+            ];
+            contraction(
+                &Nominal::REFERENCE,
+                &[effect(&KIND, "stribeck", &parameters)],
+            )
+        };
+        let coulomb = with_more_friction();
+        assert_eq!(stribeck(1.0, 0.01), coulomb);
+        let slow = largest_difference(&stribeck(4.0, 0.01), &coulomb);
+        assert!(largest_difference(&stribeck(4.0, 1.0), &coulomb) < 0.2 * slow);
+    }
+
+    /// Bristles with a small deflection are Coulomb friction, but for the static part.
+    #[test]
+    fn stiff_bristles_are_coulomb_friction() {
+        let parameters = [
+            ("force_n", 8.0),
+            ("static_ratio", 1.0),
+            ("deflection_m", 2e-5),
+        ];
+        let bristles = contraction(&Nominal::REFERENCE, &[effect(&KIND, "lugre", &parameters)]);
+        let coulomb = with_more_friction();
+        let nominal = contraction(&Nominal::REFERENCE, &[]);
+        let whole = largest_difference(&nominal, &coulomb);
+        assert!(largest_difference(&bristles, &coulomb) < 0.3 * whole);
+    }
+}

@@ -109,3 +109,69 @@ impl GasTerm for Wall {
         exchange.wall_temperature_k += state[0] * STATE_K;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{CLAMPED, effect, largest_difference, run, steps};
+    use super::{KIND, OUTSIDE_W_PER_M2_K};
+    use crate::effects::Effect;
+    use crate::nominal::{Gas, Nominal, Valve};
+
+    const FACTOR: f64 = 5.0;
+
+    /// The clamped rig with the paper's small valve A, with which the gas has time to cool, and
+    /// with its coefficients changed.
+    fn slow_rig(change: impl Fn(f64) -> f64) -> Nominal {
+        let gas = CLAMPED.gas.expect("gas");
+        let valve = CLAMPED.valve.expect("a valve");
+        Nominal {
+            valve: Some(Valve {
+                flow_gain_kg_per_pa_s: 6.1e-9,
+                ..valve
+            }),
+            gas: Some(Gas {
+                heat_transfer_charging_w_per_m2_k: change(gas.heat_transfer_charging_w_per_m2_k),
+                heat_transfer_discharging_w_per_m2_k: change(
+                    gas.heat_transfer_discharging_w_per_m2_k,
+                ),
+                ..gas
+            }),
+            ..CLAMPED
+        }
+    }
+
+    fn pressure_pa(nominal: &Nominal, effects: &[Effect]) -> Vec<f64> {
+        run(nominal, effects, &steps(4.0)).pressure_pa
+    }
+
+    fn factor() -> Effect {
+        effect(&KIND, "factor", &[("factor", FACTOR)])
+    }
+
+    #[test]
+    fn a_factor_multiplies_both_coefficients() {
+        let nominal = slow_rig(|coefficient| coefficient);
+        let factor_pa = pressure_pa(&nominal, &[factor()]);
+        let multiplied = slow_rig(|coefficient| FACTOR * coefficient);
+        assert_eq!(factor_pa, pressure_pa(&multiplied, &[]));
+        assert!(largest_difference(&factor_pa, &pressure_pa(&nominal, &[])) > 1e3);
+    }
+
+    /// A wall with a small heat capacity: the heat resistances inside and outside are in series.
+    /// Its capacity of 1 J/(m²·K) is a tenth of that of the gas.
+    #[test]
+    fn a_thin_wall_is_two_heat_resistances_in_series() {
+        let nominal = slow_rig(|coefficient| coefficient);
+        let series = slow_rig(|coefficient| {
+            let inside = FACTOR * coefficient;
+            inside * OUTSIDE_W_PER_M2_K / (inside + OUTSIDE_W_PER_M2_K)
+        });
+        let parameters = [("factor", FACTOR), ("wall_heat_capacity_j_per_m2_k", 1.0)];
+        let wall_pa = pressure_pa(&nominal, &[effect(&KIND, "wall", &parameters)]);
+        let series_pa = pressure_pa(&series, &[]);
+        let factor_pa = pressure_pa(&nominal, &[factor()]);
+        let share =
+            largest_difference(&wall_pa, &series_pa) / largest_difference(&wall_pa, &factor_pa);
+        assert!(share < 0.1, "{share}");
+    }
+}

@@ -320,3 +320,6 @@ impl MuscleTerm for Duhem {
         self.size.opposing(point, state[0], force_n)
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -121,3 +121,53 @@ impl GasTerm for Hole {
         exchange.inflow_kg_per_s += self.0.flow_kg_per_s(point.atmospheric, point.pressure);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        ATMOSPHERIC_PA, FLOW_GAIN_KG_PER_PA_S, assert_near, effect, steady_pa,
+    };
+    use super::KIND;
+
+    const CONDUCTANCE_KG_PER_PA_S: f64 = 4e-9;
+    const SIZE: (&str, f64) = ("conductance_kg_per_pa_s", CONDUCTANCE_KG_PER_PA_S);
+
+    /// K_G (P_r − P) = g P at rest.
+    #[test]
+    fn a_linear_leak_lowers_the_steady_pressure_in_proportion() {
+        let leak = effect(&KIND, "linear", &[SIZE]);
+        let ratio = FLOW_GAIN_KG_PER_PA_S / (FLOW_GAIN_KG_PER_PA_S + CONDUCTANCE_KG_PER_PA_S);
+        for reference_pa in [1e5, 3e5] {
+            let expected_pa = reference_pa * ratio;
+            let found_pa = steady_pa(std::slice::from_ref(&leak), reference_pa);
+            assert_near(found_pa, expected_pa, 1e-4 * expected_pa, "linear");
+        }
+    }
+
+    /// K_G (P_r − P) = c (P + P_a) at rest, where the flow is choked.
+    #[test]
+    fn a_leak_through_a_hole_chokes() {
+        let hole = effect(&KIND, "orifice", &[SIZE]);
+        for reference_pa in [2.5e5, 4e5] {
+            let expected_pa = (FLOW_GAIN_KG_PER_PA_S * reference_pa
+                - CONDUCTANCE_KG_PER_PA_S * ATMOSPHERIC_PA)
+                / (FLOW_GAIN_KG_PER_PA_S + CONDUCTANCE_KG_PER_PA_S);
+            let found_pa = steady_pa(std::slice::from_ref(&hole), reference_pa);
+            assert_near(found_pa, expected_pa, 20.0, "orifice");
+        }
+    }
+
+    /// K_G (P_r − P) = g P₀ (P/P₀)ⁿ at rest, with P₀ = 300 kPa.
+    #[test]
+    fn a_leak_by_a_power_law_draws_the_flow_of_its_formula() {
+        for power in [0.5, 2.0] {
+            let leak = effect(&KIND, "power", &[SIZE, ("power", power)]);
+            for reference_pa in [1e5, 4e5] {
+                let found_pa = steady_pa(std::slice::from_ref(&leak), reference_pa);
+                let leaking = CONDUCTANCE_KG_PER_PA_S * 3e5 * (found_pa / 3e5).powf(power);
+                let filling = FLOW_GAIN_KG_PER_PA_S * (reference_pa - found_pa);
+                assert_near(filling, leaking, 1e-3 * leaking, "power");
+            }
+        }
+    }
+}

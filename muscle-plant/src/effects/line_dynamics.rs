@@ -512,3 +512,6 @@ impl Observation for SensorTube {
         Some(before_pa)
     }
 }
+
+#[cfg(test)]
+mod tests;

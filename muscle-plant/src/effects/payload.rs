@@ -42,3 +42,35 @@ impl LoadTerm for Payload {
         weight.mass_kg = (weight.mass_kg + self.mass_kg).max(MASS_KG_MIN);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{effect, run, steps};
+    use super::KIND;
+    use crate::nominal::{Load, Nominal, Weight};
+
+    #[test]
+    fn a_payload_is_a_larger_mass() {
+        let nominal = Nominal::REFERENCE;
+        let Load::Weight(weight) = nominal.load else {
+            panic!("the reference rig has a weight");
+        };
+        let heavier = Nominal {
+            load: Load::Weight(Weight {
+                mass_kg: weight.mass_kg + 2.0,
+                ..weight
+            }),
+            ..nominal
+        };
+        let payload = effect(&KIND, "mass", &[("mass_kg", 2.0)]);
+        let loaded = run(&nominal, &[payload], &steps(4.0));
+        let expected = run(&heavier, &[], &steps(4.0));
+        assert_eq!(loaded.pressure_pa, expected.pressure_pa);
+        assert_eq!(loaded.contraction, expected.contraction);
+        assert_eq!(loaded.force_n, expected.force_n);
+        assert_ne!(
+            loaded.contraction,
+            run(&nominal, &[], &steps(4.0)).contraction
+        );
+    }
+}

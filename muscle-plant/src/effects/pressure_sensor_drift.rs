@@ -88,3 +88,33 @@ impl SensorTerm for Drift {
         reading.pressure.0 += mean_pa_per_s * passed_s;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_near, effect, read_and_inverted, truth};
+    use super::KIND;
+    use crate::effects::Effect;
+
+    fn assert_drift(drift: Effect, drift_pa: impl Fn(f64) -> f64) {
+        for time_s in [0.0, 0.7, 5.0] {
+            let [read, inverted] = read_and_inverted(&drift, time_s, truth(2e5, 0.1));
+            assert_near(read.pressure.0, 2e5 + drift_pa(time_s), 1e-6, "reading");
+            assert_eq!((read.contraction, read.force_n), (0.1, 200.0));
+            assert_near(inverted.pressure.0, 2e5, 1e-6, "truth");
+        }
+    }
+
+    #[test]
+    fn the_offset_is_its_formula_in_time_and_is_removed_again() {
+        let linear = effect(&KIND, "linear", &[("drift_pa_per_s", 200.0)]);
+        assert_drift(linear, |time_s| 200.0 * time_s);
+        let parameters = [("drift_pa_per_s", 200.0), ("growth_pa_per_s2", -30.0)];
+        assert_drift(effect(&KIND, "quadratic", &parameters), |time_s| {
+            200.0 * time_s - 15.0 * time_s * time_s
+        });
+        let parameters = [("drift_pa", 4e3), ("time_constant_s", 2.0)];
+        assert_drift(effect(&KIND, "warm-up", &parameters), |time_s| {
+            4e3 * (1.0 - (-time_s / 2.0).exp())
+        });
+    }
+}

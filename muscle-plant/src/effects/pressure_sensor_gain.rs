@@ -72,3 +72,27 @@ impl SensorTerm for PressureSensorGain {
         reading.pressure.0 += truth_pa * error;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_near, effect, read_and_inverted, truth};
+    use super::KIND;
+
+    #[test]
+    fn the_reading_is_its_formula_and_is_inverted() {
+        let proportional = || effect(&KIND, "proportional", &[("gain_error", 0.05)]);
+        let parameters = [("gain_error", 0.03), ("nonlinearity", 0.02)];
+        let quadratic = || effect(&KIND, "quadratic", &parameters);
+        for (gain, true_pa, expected_pa) in [
+            (proportional(), 1e5, 1.05e5),
+            (proportional(), 3e5, 3.15e5),
+            (quadratic(), 1e5, 1e5 * (1.03 + 0.02 / 3.0)),
+            (quadratic(), 3e5, 3.15e5),
+        ] {
+            let [read, inverted] = read_and_inverted(&gain, 0.0, truth(true_pa, 0.1));
+            assert_near(read.pressure.0, expected_pa, 1e-6, "reading");
+            assert_eq!((read.contraction, read.force_n), (0.1, 200.0));
+            assert_near(inverted.pressure.0, true_pa, 1e-6, "truth");
+        }
+    }
+}

@@ -43,3 +43,18 @@ impl SensorTerm for PressureSensorOffset {
         reading.pressure.0 += self.offset_pa;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_near, effect, read_and_inverted, truth};
+    use super::KIND;
+
+    #[test]
+    fn the_offset_is_added_to_the_pressure_and_removed_again() {
+        let offset = effect(&KIND, "constant", &[("offset_pa", 3e3)]);
+        let [read, inverted] = read_and_inverted(&offset, 0.0, truth(2e5, 0.1));
+        assert_near(read.pressure.0, 2.03e5, 1e-6, "reading");
+        assert_eq!((read.contraction, read.force_n), (0.1, 200.0));
+        assert_near(inverted.pressure.0, 2e5, 1e-6, "truth");
+    }
+}

@@ -158,3 +158,75 @@ impl Observation for RunIn {
         }]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        Inputs, STEP_S, added_n, assert_near, bench, effect, force_n, through,
+    };
+    use super::{HALF_BAND, KIND, STROKE};
+
+    /// The share of the force that the effect adds, row by row.
+    fn added_share(form: &str, values: &[(&str, f64)], inputs: &Inputs) -> Vec<f64> {
+        let nominal_n = force_n(&[], inputs);
+        added_n(&effect(&KIND, form, values), inputs)
+            .iter()
+            .zip(&nominal_n)
+            .map(|(added_n, nominal_n)| added_n / nominal_n)
+            .collect()
+    }
+
+    /// Two strokes with a rest between them, during which nothing changes, and one more.
+    #[test]
+    fn run_in_decays_with_the_distance_moved_and_not_with_time() {
+        let path = [(0.0, 0.0), (1.0, 0.1), (2.0, 0.1), (3.0, 0.0), (4.0, 0.1)];
+        let inputs = bench(STEP_S, 401, through(path), |_| 3e5);
+        // Row, distance and number of cycles. Each reversal costs the whole band.
+        let expected = [
+            (0, 0.0, 0.0),
+            (50, 0.05 - HALF_BAND, 0.5),
+            (100, 0.1 - HALF_BAND, 0.5),
+            (200, 0.1 - HALF_BAND, 0.5),
+            (300, 0.2 - 3.0 * HALF_BAND, 1.0),
+            (400, 0.3 - 5.0 * HALF_BAND, 1.5),
+        ];
+        let exponential = |relative: f64| (-relative).exp();
+        let hyperbolic = |relative: f64| 1.0 / (1.0 + relative);
+        for (form, key, remaining) in [
+            ("exponential", "distance", exponential as fn(f64) -> f64),
+            ("hyperbolic", "distance", hyperbolic),
+            ("cyclic", "cycles", exponential),
+        ] {
+            let shares = added_share(form, &[("share", 0.05), (key, 0.2)], &inputs);
+            for (row, distance, cycles) in expected {
+                let moved = if form == "cyclic" { cycles } else { distance };
+                assert_near(shares[row], 0.05 * remaining(moved / 0.2), 1e-6, form);
+            }
+        }
+    }
+
+    /// A rest does not end a stroke, and a stroke of less than 0.02 counts in proportion.
+    #[test]
+    fn run_in_counts_a_stroke_from_turn_to_turn() {
+        let path = [
+            (0.0, 0.0),
+            (1.0, 0.01),
+            (2.0, 0.01),
+            (3.0, 0.05),
+            (4.0, 0.04),
+        ];
+        let inputs = bench(STEP_S, 401, through(path), |_| 3e5);
+        let shares = added_share("cyclic", &[("share", 0.05), ("cycles", 0.2)], &inputs);
+        let first = 0.01 - HALF_BAND;
+        let back = 0.01 - 2.0 * HALF_BAND;
+        for (row, counted) in [
+            (100, first),
+            (200, first),
+            (300, STROKE),
+            (400, STROKE + back),
+        ] {
+            let cycles = counted / (2.0 * STROKE);
+            assert_near(shares[row], 0.05 * (-cycles / 0.2).exp(), 1e-6, "cyclic");
+        }
+    }
+}

@@ -80,3 +80,42 @@ impl MuscleTerm for Slack {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bladder_elasticity;
+    use super::super::testing::{CLAMPED, STEP_S, assert_near, bench, effect, force_n, through};
+    use super::KIND;
+    use model_core::pressure::GaugePa;
+
+    /// Compares the force on a ramp of contraction and pressure with a function of Eq 1.
+    fn assert_limited(form: &str, values: &[(&str, f64)], limited_n: impl Fn(f64) -> f64) {
+        let ramp = bench(STEP_S, 101, through([(0.0, 0.0), (1.0, 0.25)]), |t| 2e5 * t);
+        let found_n = force_n(&[effect(&KIND, form, values)], &ramp);
+        for (row, found_n) in found_n.iter().enumerate() {
+            let share = row as f64 * STEP_S;
+            let law_n = CLAMPED.muscle.force_n(0.25 * share, GaugePa(2e5 * share));
+            assert_near(*found_n, limited_n(law_n), 1e-8, form);
+        }
+    }
+
+    #[test]
+    fn the_force_is_limited_below_as_its_form_says() {
+        assert_limited("sharp", &[], |law_n| law_n.max(0.0));
+        assert_limited("rounded", &[("rounding_n", 10.0)], |law_n| {
+            0.5 * (law_n + law_n.hypot(10.0))
+        });
+        assert_limited("folded", &[("push_share", 0.2)], |law_n| {
+            law_n.max(0.2 * law_n)
+        });
+    }
+
+    #[test]
+    fn slack_limits_the_force_with_effects_that_are_added_after_it() {
+        let parameters = [("linear_n", 300.0), ("quadratic_n", 0.0)];
+        let elastic = effect(&bladder_elasticity::KIND, "polynomial", &parameters);
+        let ramp = bench(STEP_S, 101, through([(0.0, 0.0), (1.0, 0.2)]), |_| 1e5);
+        let found_n = force_n(&[effect(&KIND, "sharp", &[]), elastic], &ramp);
+        assert!(found_n.iter().all(|force_n| *force_n >= 0.0) && found_n[100] == 0.0);
+    }
+}

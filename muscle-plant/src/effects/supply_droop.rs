@@ -136,3 +136,93 @@ impl SupplyTerm for Reservoir {
         self.checked
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::leak;
+    use super::super::testing::{
+        ATMOSPHERIC_PA, CLAMPED, FLOW_GAIN_KG_PER_PA_S, STEP_S, assert_near, driven, effect,
+        pressure_pa, steady_pa, through,
+    };
+    use super::KIND;
+    use crate::subsystem::gas::GAS_CONSTANT_J_PER_KG_K;
+
+    const RESERVOIR: (&str, f64) = ("reservoir_volume_m3", 1e-3);
+
+    fn volume_m3(contraction: f64) -> f64 {
+        CLAMPED.volume.expect("a volume").volume_m3(contraction)
+    }
+
+    /// Isothermal in effect, as the air is at ambient temperature again after 20 s, in which 2 % of
+    /// the droop recover with a time constant of 1000 s.
+    #[test]
+    fn the_droop_is_the_mass_that_was_drawn() {
+        let droop = effect(&KIND, "linear", &[RESERVOIR, ("recovery_time_s", 1e3)]);
+        let step = driven(20.0, |time_s| if time_s < 0.5 { 2e5 } else { 5e5 });
+        let last_pa = pressure_pa(&[droop], &step)[1999];
+        let per_volume = GAS_CONSTANT_J_PER_KG_K * 293.0;
+        let drawn_kg = (last_pa - 2e5) * volume_m3(0.1) / per_volume;
+        let expected_pa = drawn_kg * per_volume / RESERVOIR.1;
+        assert_near(5e5 - last_pa, expected_pa, 0.03 * expected_pa, "droop");
+    }
+
+    /// With the valve open to its supply, air flows back as the muscle is extended: it returns to
+    /// the reservoir, or a check valve keeps it in the muscle.
+    #[test]
+    fn air_that_flows_back_returns_to_the_reservoir_or_stays_in_the_muscle() {
+        let stroke = through([
+            (0.0, 0.1),
+            (15.0, 0.1),
+            (16.0, 0.2),
+            (26.0, 0.2),
+            (27.0, 0.1),
+        ]);
+        let mut inputs = driven(40.0, |time_s| if time_s < 0.5 { 2e5 } else { 5e5 });
+        for (row, contraction) in inputs.contraction.iter_mut().enumerate() {
+            *contraction = stroke(row as f64 * STEP_S);
+        }
+        // Either restriction admits 1 % of the air in 40 s at most.
+        let slow = ("recovery_time_s", 1e3);
+        let narrow = ("conductance_kg_per_pa_s", 1e-12);
+        for (form, refill, checked) in [
+            ("linear", slow, false),
+            ("checked", slow, true),
+            ("orifice", narrow, false),
+            ("checked-orifice", narrow, true),
+        ] {
+            let droop = effect(&KIND, form, &[RESERVOIR, refill]);
+            let found_pa = pressure_pa(&[droop], &inputs);
+            let [before_pa, contracted_pa, after_pa] =
+                [1499, 2599, 3999].map(|row: usize| found_pa[row] + ATMOSPHERIC_PA);
+            assert!(contracted_pa < 0.97 * before_pa, "{form}");
+            let expected_pa = if checked {
+                contracted_pa * volume_m3(0.2) / volume_m3(0.1)
+            } else {
+                before_pa
+            };
+            assert_near(after_pa, expected_pa, 0.01 * expected_pa, form);
+        }
+    }
+
+    /// A leak draws on the supply permanently: the flow of the orifice is that of the leak.
+    #[test]
+    fn a_supply_behind_an_orifice_droops_by_what_is_drawn() {
+        let (leaking, orifice) = (2e-9, 4e-9);
+        let parameters = [
+            ("reservoir_volume_m3", 1e-4),
+            ("conductance_kg_per_pa_s", orifice),
+        ];
+        let leak = effect(
+            &leak::KIND,
+            "linear",
+            &[("conductance_kg_per_pa_s", leaking)],
+        );
+        let pressure_pa = steady_pa(&[effect(&KIND, "orifice", &parameters), leak], 5e5);
+        let supply_pa = pressure_pa * (FLOW_GAIN_KG_PER_PA_S + leaking) / FLOW_GAIN_KG_PER_PA_S;
+        assert!(supply_pa < 4.9e5, "{supply_pa}");
+        let upstream_pa = 5e5 + ATMOSPHERIC_PA;
+        let ratio: f64 = (supply_pa + ATMOSPHERIC_PA) / upstream_pa;
+        let flow = orifice * upstream_pa * (1.0 - ((ratio - 0.5) / 0.5).powi(2)).sqrt();
+        assert_near(flow, leaking * pressure_pa, 1e-3 * flow, "flow");
+    }
+}

@@ -99,3 +99,42 @@ impl LineTerm for TransportDelay {
             .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        STEP_S, driven, effect, largest_difference, nominal_under, pressure_pa, steps,
+    };
+    use super::{KIND, pure_delay};
+
+    #[test]
+    fn a_pure_delay_shifts_the_response() {
+        let delay_s = 0.07;
+        let nominal_pa = pressure_pa(&[], &steps(4.0));
+        let delayed_pa = pressure_pa(&[pure_delay(delay_s)], &steps(4.0));
+        let rows = (delay_s / STEP_S).round() as usize;
+        let undelayed_pa = &nominal_pa[..nominal_pa.len() - rows];
+        assert!(largest_difference(undelayed_pa, &delayed_pa[rows..]) < 0.1);
+        assert!(largest_difference(&nominal_pa, &delayed_pa) > 1e4);
+    }
+
+    /// The step response of the two lags drives the nominal valve: the delay is the mean of its
+    /// derivative, and the dispersion's share of that its standard deviation.
+    #[test]
+    fn a_dispersed_delay_is_a_delay_and_two_lags() {
+        let (delay_s, dispersion) = (0.08, 0.25);
+        let lag_s = dispersion * delay_s / 2.0_f64.sqrt();
+        let pure_s = delay_s - 2.0 * lag_s;
+        let parameters = [("delay_s", delay_s), ("dispersion", dispersion)];
+        let dispersed = effect(&KIND, "dispersed", &parameters);
+        let step = driven(2.0, |time_s| if time_s < 0.995 { 2e5 } else { 3e5 });
+        let found_pa = pressure_pa(&[dispersed], &step);
+        let response = |since_s: f64| {
+            let lags = (since_s / lag_s).max(0.0);
+            1.0 - (1.0 + lags) * (-lags).exp()
+        };
+        let expected_pa = nominal_under(|time_s| 2e5 + 1e5 * response(time_s - 1.0 - pure_s));
+        // As for the lag of a valve: the reference rises at 2.6 MPa/s at most.
+        assert!(largest_difference(&found_pa, &expected_pa) < 1.0);
+    }
+}

@@ -102,3 +102,50 @@ impl ValveTerm for DeadZone {
         GaugePa(point.port.0 + effective_pa)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{
+        assert_near, driven, effect, largest_difference, pressure_pa, steady_pa, steps,
+    };
+    use super::super::valve_lag;
+    use super::KIND;
+
+    #[test]
+    fn the_pressure_stops_short_of_its_reference_from_either_side() {
+        let sharp = [effect(&KIND, "sharp", &[("half_width_pa", 8e3)])];
+        assert_near(steady_pa(&sharp, 3e5), 2.92e5, 1.0, "up");
+        assert_near(steady_pa(&sharp, 1e5), 1.08e5, 1.0, "down");
+        let widths = [("filling_pa", 5e3), ("exhausting_pa", 12e3)];
+        let asymmetric = [effect(&KIND, "asymmetric", &widths)];
+        assert_near(steady_pa(&asymmetric, 3e5), 2.95e5, 1.0, "up");
+        assert_near(steady_pa(&asymmetric, 1e5), 1.12e5, 1.0, "down");
+    }
+
+    #[test]
+    fn leakage_past_a_rounded_dead_zone_continues_slowly() {
+        let parameters = [("half_width_pa", 8e3), ("rounding_pa", 1e3)];
+        let rounded = [effect(&KIND, "rounded", &parameters)];
+        let early = driven(0.7, |time_s| if time_s < 0.5 { 2e5 } else { 3e5 });
+        let early_pa = pressure_pa(&rounded, &early)[69];
+        assert_near(early_pa, 2.92e5, 2e3, "0.2 s after the step");
+        assert!(steady_pa(&rounded, 3e5) > 2.94e5);
+    }
+
+    /// The spool lags and its ports overlap, in whatever order the effects were added.
+    #[test]
+    fn a_lagging_valve_keeps_its_dead_zone() {
+        let half_width_pa = 1e4;
+        let lag = effect(
+            &valve_lag::KIND,
+            "first-order",
+            &[("time_constant_s", 0.05)],
+        );
+        let zone = effect(&KIND, "sharp", &[("half_width_pa", half_width_pa)]);
+        let with = |effects: &[_]| pressure_pa(effects, &steps(20.0));
+        let both_pa = with(&[lag.clone(), zone.clone()]);
+        assert!(largest_difference(&both_pa, &with(&[zone.clone(), lag.clone()])) < 1.0);
+        assert!(largest_difference(&both_pa, &with(&[lag])) > 0.9 * half_width_pa);
+        assert!(largest_difference(&both_pa, &with(&[zone])) > 0.9 * half_width_pa);
+    }
+}

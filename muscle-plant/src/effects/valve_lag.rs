@@ -115,3 +115,48 @@ impl ValveTerm for SecondOrder {
             .map_or(reference, |lagging| GaugePa(lagging * STATE_PA))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{driven, effect, largest_difference, nominal_under, pressure_pa};
+    use super::KIND;
+    use crate::effects::Effect;
+
+    /// Compares a step through the lag with the nominal valve under the step response of the lag,
+    /// from 0 to 1 by time since the step \[s\].
+    fn assert_step_response(lag: Effect, response: impl Fn(f64) -> f64) {
+        let step = driven(2.0, |time_s| if time_s < 0.995 { 2e5 } else { 3e5 });
+        let found_pa = pressure_pa(&[lag], &step);
+        let expected_pa = nominal_under(|time_s| match time_s - 1.0 {
+            since_s if since_s < 0.0 => 2e5,
+            since_s => 2e5 + 1e5 * response(since_s),
+        });
+        // A ramp of s = 2 MPa/s that is held for h at its middle leaves an error of s·h²·λ/12
+        // behind a pole of λ ≤ 600/s.
+        let error_pa = largest_difference(&found_pa, &expected_pa);
+        assert!(error_pa < 1.0, "{error_pa}");
+    }
+
+    #[test]
+    fn a_first_order_lag_follows_its_step_response() {
+        let time_constant_s = 0.05;
+        let lag = effect(
+            &KIND,
+            "first-order",
+            &[("time_constant_s", time_constant_s)],
+        );
+        assert_step_response(lag, |since_s| -(-since_s / time_constant_s).exp_m1());
+    }
+
+    /// With a damping ratio of 1, two equal poles.
+    #[test]
+    fn a_second_order_lag_follows_its_step_response() {
+        let time_constant_s = 0.02;
+        let parameters = [("time_constant_s", time_constant_s), ("damping_ratio", 1.0)];
+        let lag = effect(&KIND, "second-order", &parameters);
+        assert_step_response(lag, |since_s| {
+            let relative = since_s / time_constant_s;
+            1.0 - (1.0 + relative) * (-relative).exp()
+        });
+    }
+}

@@ -273,8 +273,8 @@ impl Plant {
         self.states += states;
     }
 
-    /// Position in the state of the states of the term that was added as number `number`, from 0; an
-    /// empty range for a term without states or of a subsystem that is not simulated.
+    /// Position in the state of the states of the term that was added as number `number`, from 0;
+    /// an empty range for a term without states or of a subsystem that is not simulated.
     pub fn term_states(&self, number: usize) -> Range<usize> {
         self.term_states.get(number).cloned().unwrap_or_default()
     }

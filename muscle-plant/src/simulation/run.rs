@@ -186,7 +186,7 @@ impl Simulation {
 mod tests {
     use super::*;
     use crate::effects::transport_delay::pure_delay;
-    use crate::nominal::{Load, Nominal};
+    use crate::nominal::{Load, Nominal, Weight};
     use crate::simulation::{Simulated, TOLERANCE};
 
     /// A reference that arrives a little after each row divides the row; that must not cost more
@@ -219,5 +219,54 @@ mod tests {
         // One step more per row, and some that are refused.
         let steps_max = whole + u64::from(ROWS) * 5 / 4;
         assert!(cut <= steps_max, "{whole}, {cut}");
+    }
+
+    /// A reference that steps to 300, 240, 260 and 200 kPa every 0.5 s, on a rig with more friction.
+    /// At the end of an exhaust the gas is colder than the wall: the heat transfer of charging would
+    /// let it flow out and that of discharging would let it flow in, so that there is no flow for two
+    /// rows, in which the pressure is the reference.
+    #[test]
+    fn a_flow_that_either_heat_transfer_would_reverse_stays_at_zero() {
+        let Load::Weight(weight) = Nominal::REFERENCE.load else {
+            panic!("the reference rig has a weight");
+        };
+        let rough = Nominal {
+            load: Load::Weight(Weight {
+                coulomb_friction_n: 12.5,
+                static_friction_n: 15.0,
+                ..weight
+            }),
+            ..Nominal::REFERENCE
+        };
+        let plant = Plant::new(&rough, [], Simulated::WHOLE).expect("a plant");
+        let drive = |row: usize| Drive {
+            reference: GaugePa([2e5, 3e5, 2.4e5, 2.6e5][row / 50 % 4]),
+            ..Drive::default()
+        };
+        let initial = Initial {
+            contraction: 0.1,
+            pressure: GaugePa(2e5),
+            ..Initial::vented(&plant)
+        };
+        let mut simulation = Simulation::new(plant, &initial, &drive(0), 1e-9);
+        let (mut pressure_pa, mut stays) = (Vec::new(), Vec::new());
+        for row in 0..225 {
+            pressure_pa.push(simulation.pressure().0);
+            stays.push(each!(&simulation.core, trajectory => trajectory.sliding));
+            let until_s = 0.01 * (row + 1) as f64;
+            simulation
+                .advance(&drive(row), until_s)
+                .expect("a solution");
+        }
+        let at_zero: Vec<usize> = (0..225).filter(|row| stays[*row]).collect();
+        assert_eq!(at_zero, [221, 222]);
+        for row in at_zero {
+            assert!(
+                (pressure_pa[row] - 2e5).abs() < 0.01,
+                "{}",
+                pressure_pa[row]
+            );
+        }
+        assert!(pressure_pa[224] < 1.9999e5);
     }
 }
