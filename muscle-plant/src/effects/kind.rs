@@ -80,6 +80,9 @@ impl Parameter {
     }
 }
 
+/// Makes an observation from the values of a form's parameters, in their order.
+pub type Observe = fn(&[f64]) -> Box<dyn Observation>;
+
 /// One set of equations of an effect.
 #[derive(Clone, Copy, Debug)]
 pub struct Form {
@@ -93,7 +96,7 @@ pub struct Form {
     pub build: fn(&[f64]) -> Term,
     /// Makes, from the same values, what a diagnosis needs beside the term; `None` where it needs
     /// nothing.
-    pub observation: Option<fn(&[f64]) -> Box<dyn Observation>>,
+    pub observation: Option<Observe>,
 }
 
 /// An equation whose residuals a diagnosis looks at.

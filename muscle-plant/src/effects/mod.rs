@@ -17,7 +17,9 @@ mod orifice;
 
 pub use catalogue::Catalogue;
 pub use compensation::{AddedFriction, CompensationMethod, DeadZoneWidths};
-pub use kind::{DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter, Requirement};
+pub use kind::{
+    DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Observe, Parameter, Requirement,
+};
 pub use observation::{DecayingForce, Observation};
 
 /// Declares the file of each effect and lists it in the catalogue, in this order.
