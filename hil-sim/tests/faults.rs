@@ -48,8 +48,7 @@ fn a_healthy_rig_raises_no_alarm() {
             case.rig
                 .effects
                 .retain(|effect| effect.kind.name == "slack");
-            let values = form.parameters.iter().map(|p| p.usual).collect();
-            case.rig.effects.push(Effect { kind, form, values });
+            case.rig.effects.push(Effect::typical(kind, form));
             case
         })
     });

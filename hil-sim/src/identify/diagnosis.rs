@@ -362,7 +362,7 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
         Some(Named {
             name: effect,
             form,
-            place: kind.place,
+            place: kind.subsystem.name(),
             parameters: parameters.collect(),
             alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
             evidence: Evidence {
