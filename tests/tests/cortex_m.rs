@@ -1,10 +1,10 @@
-//! model-core on the board's instruction set: a Cortex-M4F, in QEMU.
+//! model-core on the board's instruction set: a Cortex-M4F in QEMU (Debian: qemu-system-arm).
 //!
-//! `CORTEX_M_TESTS` names the program that `cargo cortex-m-tests` has built, and Debian's package
-//! qemu-system-arm has what runs it; without the first the test says SKIPPED and proves nothing.
+//! `cargo cortex-m-tests` builds the program; `CORTEX_M_TESTS` names it:
+//! `CORTEX_M_TESTS=target/thumbv7em-none-eabihf/release/cortex-m-tests cargo test --test cortex_m
+//! -- --ignored`.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::process::Command;
 
 #[path = "../cortex-m/src/battery.rs"]
@@ -37,14 +37,9 @@ fn run_in_qemu(program: &std::ffi::OsStr) -> String {
 }
 
 #[test]
+#[ignore = "needs QEMU and the program at CORTEX_M_TESTS"]
 fn model_core_passes_its_tests_on_a_cortex_m4f_and_equals_the_pc_to_the_last_bit() {
-    let Some(program) = std::env::var_os("CORTEX_M_TESTS") else {
-        let text = "SKIPPED cortex_m: CORTEX_M_TESTS names no program\n";
-        assert!(std::env::var_os("CI_EMULATED").is_none(), "{text}");
-        // Past the test's captured output.
-        let _ = std::io::stderr().write_all(text.as_bytes());
-        return;
-    };
+    let program = std::env::var_os("CORTEX_M_TESTS").expect("CORTEX_M_TESTS names the program");
     let printed = run_in_qemu(&program);
     println!("{printed}");
     for (name, checksum) in battery::PARTS {
