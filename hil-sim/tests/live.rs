@@ -53,13 +53,20 @@ fn plug(path: &Path) -> (TTYPort, TTYPort) {
     let (board_end, program_end) = TTYPort::pair().expect("a pseudo terminal");
     let name = program_end.name().unwrap();
     // The copies are closed in children.
-    let [mut board_end, program_end] =
+    let [mut board_end, mut program_end] =
         [board_end, program_end].map(|end| end.try_clone_native().unwrap());
     drop(forking);
     board_end.set_timeout(Duration::from_millis(1)).unwrap();
+    program_end.set_timeout(Duration::ZERO).unwrap();
     let _ = std::fs::remove_file(path);
     std::os::unix::fs::symlink(name, path).unwrap();
     (board_end, program_end)
+}
+
+/// The program has not read all that it was sent. Counting the bytes would not do: only a poll, with
+/// which this read of nothing begins, waits for those that the kernel has not passed on yet.
+fn has_unread(program_end: &mut TTYPort) -> bool {
+    program_end.read(&mut []).is_ok()
 }
 
 /// Runs the board; the plug is pulled at the tick `unplugged_at`.
@@ -70,7 +77,7 @@ fn serve(path: &Path, signals: &Signals, unplugged_at: Option<u32>) {
     while !signals.end.load(Ordering::Relaxed) {
         let count = port.read(&mut heard).unwrap_or(0);
         board.send(&heard[..count]).unwrap();
-        if program_end.bytes_to_read().unwrap() > 0 {
+        if has_unread(&mut program_end) {
             continue;
         }
         if unplugged_at == Some(board.ticks()) {
