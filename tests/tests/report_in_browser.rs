@@ -453,7 +453,6 @@ fn assert_sample(plot: &Plot, series: &Series, x: f64, shown: f64) {
 #[ignore = "needs Chromium"]
 fn every_line_of_every_plot_is_drawn() {
     in_browser(|page, report| {
-        assert!(plots(report).len() > 10);
         page.assert_drawn(report);
     });
 }
