@@ -1,12 +1,19 @@
 //! The fault campaign in short; and that it can fail. The whole one: `hil-sim faults`.
 
-use hil_sim::faults::Case;
+use hil_sim::bench::closed_loop::Finger;
+use hil_sim::faults::bounds::bounds;
 use hil_sim::faults::campaign::{run_all, run_case};
-use hil_sim::faults::kind::{KINDS, Kind};
+use hil_sim::faults::kind::{Decides, KINDS, Kind};
 use hil_sim::faults::outcome::Outcome;
+use hil_sim::faults::{Case, Moment};
+use model_core::controller::Controller;
+use model_core::io::Sensors;
 use model_core::safety::SafetyFunction;
+use model_core::settings::{Settings, SettingsValues};
+use model_core::supervisor::{Fault, Mode};
 use muscle_plant::effects::Catalogue;
 use muscle_plant::effects::Effect;
+use muscle_plant::nominal::Load;
 use rayon::prelude::*;
 
 fn outside(outcomes: &[Outcome]) -> Vec<&Outcome> {
@@ -123,4 +130,94 @@ fn without_any_safety_function_a_case_violates_a_bound() {
         shown.is_none()
     });
     assert_eq!(not_needed.collect::<Vec<_>>(), []);
+}
+
+/// The first case of `kind` whose fault falls at `moment`.
+fn case_at(kind: &'static Kind, moment: Moment) -> Case {
+    let mut cases = (0..).map(|number| Case::of(kind, 1, number));
+    let found = cases.find(|case| case.moment == moment);
+    found.expect("the moments take turns")
+}
+
+/// The same kind of fault, as if the controller could keep its bounds.
+fn decided_by_controller(name: &str) -> &'static Kind {
+    Box::leak(Box::new(Kind {
+        decides: Decides::Controller,
+        ..*kind(name)
+    }))
+}
+
+/// Without the wider bounds of what physics decides, or on a rig that is not the controller's.
+/// "speed down" and the rest are in [`NEEDED`].
+#[test]
+fn every_bound_of_the_weight_and_the_pressure_can_be_violated() {
+    let lost = case_at(decided_by_controller("payload lost"), Moment::Holding);
+    let mut strong = case_at(decided_by_controller("valve stuck open"), Moment::Holding);
+    if let Some(valve) = &mut strong.rig.nominal.valve {
+        valve.supply_pressure.0 = 8e5;
+    }
+    let healthy = case_at(kind("healthy"), Moment::Lifting);
+    // The lift lasts longer than the case.
+    let cut_off = Case {
+        ends_s: healthy.fault_s,
+        finger: Finger::Lift {
+            start_s: healthy.fault_s + 2.5,
+            travel_m: 0.12,
+            rise_s: 1.5,
+            hold_s: 0.0,
+            lower_s: 1.5,
+        },
+        ..healthy.clone()
+    };
+    let mut heavy = healthy.clone();
+    if let Load::Weight(weight) = &mut heavy.rig.nominal.load {
+        weight.mass_kg *= 2.0;
+    }
+    for (case, bound) in [
+        (&lost, "speed up"),
+        (&strong, "height"),
+        (&strong, "pressure"),
+        (&cut_off, "not at rest"),
+        (&heavy, "false alarm"),
+    ] {
+        let outcome = run_case(case, None, |_| {}).expect("it runs");
+        assert!(outcome.outside.contains(&bound), "{bound}: {outcome:#?}");
+    }
+}
+
+/// What physics decides has bounds of its own, which are wider.
+#[test]
+fn the_bounds_widen_where_no_controller_can_keep_them() {
+    let values = SettingsValues::reference();
+    let bounds_of = |kind| bounds(&case_at(kind, Moment::Holding), &values);
+    let kept = bounds_of(decided_by_controller("payload lost"));
+    let flung = bounds_of(kind("payload lost"));
+    let dropped = bounds_of(kind("supply lost"));
+    assert!(flung.speed_up_m_per_s > kept.speed_up_m_per_s && flung.height_m > kept.height_m);
+    assert!(dropped.speed_down_m_per_s > kept.speed_down_m_per_s);
+    assert_eq!(dropped.speed_up_m_per_s, kept.speed_up_m_per_s);
+    assert_eq!(dropped.height_m, kept.height_m);
+    // Three halves of the reference's speed, and free fall for three ticks.
+    assert!((kept.speed_up_m_per_s - (1.5 * 0.25 + 9.80665 * 0.03)).abs() < 1e-12);
+    // Free fall through the stroke, 0.099 m, from the speed that is kept.
+    let fallen = 2.0 * 9.80665 * kept.height_m + kept.speed_down_m_per_s.powi(2);
+    assert!((dropped.speed_down_m_per_s - fallen.sqrt()).abs() < 1e-12);
+    assert!((kept.pressure_pa - 5.5e5).abs() < 1e-6);
+}
+
+#[test]
+fn a_controller_two_copies_of_whose_memory_differ_vents() {
+    let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
+    let mut controller = Controller::new(settings);
+    controller.state_copy(0).pressure_ref_pa = 1e5;
+    assert_eq!(
+        controller.tick(&Sensors::default()).fault,
+        Some(Fault::Memory)
+    );
+    let mut controller = Controller::new(settings);
+    controller.state_copy(0).mode = Mode::Assisting;
+    controller.state_copy(1).mode = Mode::Playing;
+    controller.state_copy(2).pressure_ref_pa = 1e5;
+    let output = controller.tick(&Sensors::default());
+    assert_eq!((output.mode, output.valve.get()), (Mode::Venting, 0));
 }

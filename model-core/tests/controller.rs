@@ -835,6 +835,15 @@ fn the_finger_force_is_limited_in_either_direction() {
     }
 }
 
+#[test]
+fn a_step_is_suspect_in_either_direction() {
+    for step_n in [17.0, -17.0] {
+        let mut bench = Bench::assisting();
+        bench.finger_n += step_n;
+        assert_eq!(bench.tick().mode, Mode::Holding);
+    }
+}
+
 /// 15 N a tick are plausible; over a tick that was missed or not seen, 30 N.
 #[test]
 fn a_step_may_be_larger_after_ticks_that_were_missed_or_out_of_range() {
