@@ -217,8 +217,9 @@ fn mcap_that_is_cut_off_is_read_as_far_as_it_is_whole() {
         let rows = mcap::read(&mcap_path).unwrap().time_s().len();
         assert!(rows >= rows_before, "{rows}");
         rows_before = rows;
+        // Only the block in which the cut is, of 50 rows, is lost.
+        assert!(rows + 50 >= 500 * share / 10, "{rows} of {share} tenths");
     }
-    assert!(rows_before >= 300);
 }
 
 #[test]
@@ -304,9 +305,12 @@ fn a_recorded_rig_is_replayed_from_each_known_start() {
     let record = Record::read(&path).unwrap();
     let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
     assert_eq!((result.starts, result.differing_ticks), (2, 0));
-    // Up to the gap, and from the reset on.
-    let left_out = result.ticks - result.compared_ticks;
-    assert!((150..200).contains(&left_out), "{result:?}");
+    // Replayed up to the gap, and from the reset on.
+    let ticks: Vec<u32> = told.iter().map(|told| told.tick).collect();
+    let place = |is_break: fn(&[u32]) -> bool| ticks.windows(2).position(is_break);
+    let gap = place(|pair| pair[1] > pair[0] + 1).expect("the plug was pulled");
+    let reset = place(|pair| pair[1] < pair[0]).expect("the board was reset");
+    assert_eq!(result.ticks - result.compared_ticks, reset - gap);
 }
 
 /// A line that damages what it carries, a plug that is pulled, a board that is reset.

@@ -65,8 +65,13 @@ impl Bench {
 
     /// A tick of a muscle that follows its reference at once, in balance with its weight.
     fn tick_in_balance(&mut self) -> Output {
+        self.tick_with_valve(1.0)
+    }
+
+    /// The same with a valve that reaches `share` of the way to its reference in a tick.
+    fn tick_with_valve(&mut self, share: f32) -> Output {
         let output = self.tick();
-        self.pressure_pa = output.pressure_ref.0;
+        self.pressure_pa += share * (output.pressure_ref.0 - self.pressure_pa);
         let square = ((117.7 + 183.0) / self.pressure_pa + 1.39e-3) / 3.7718e-3;
         let mut shortened = 1.0 - self.contraction;
         // Newton's square root, from the tick before: no_std has none.
@@ -281,16 +286,14 @@ fn self_check_reports_the_disturbance() {
     ];
     for (disturb, reason) in disturbances {
         let mut bench = Bench::new();
-        let fault = loop {
+        let found = (0..600).find_map(|_| {
             disturb(&mut bench);
             let output = bench.tick();
             assert_eq!(output.valve.get(), 0);
             assert_ne!(output.mode, Mode::Ready);
-            if let Some(fault) = output.fault {
-                break fault;
-            }
-        };
-        assert_eq!(fault, reason);
+            output.fault
+        });
+        assert_eq!(found, Some(reason));
     }
 }
 
@@ -679,6 +682,216 @@ fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
         assert!(last.pressure_ref.0 - output.pressure_ref.0 <= moving_pa + 0.1);
         last = output;
     }
+}
+
+/// A bench in an experiment whose weight hangs at 200 kPa, at ε = 0.124.
+fn lifted() -> Bench {
+    let mut bench = ready(that_play());
+    bench.request = Request::Play(200_000);
+    for _ in 0..200 {
+        assert_eq!(bench.tick_in_balance().fault, None);
+    }
+    bench
+}
+
+/// The first fault and after how many ticks, each of them after a call of `change`.
+fn fault_of(bench: &mut Bench, change: fn(&mut Bench)) -> Option<(Fault, u32)> {
+    (1..=200).find_map(|ticks| {
+        change(bench);
+        bench.tick().fault.map(|fault| (fault, ticks))
+    })
+}
+
+#[test]
+fn a_pressure_above_its_trip_level_is_a_fault() {
+    // In steps that the sensor's step limit allows; a tick earlier it would be another fault.
+    let found = fault_of(&mut Bench::assisting(), |bench| bench.pressure_pa += 1.6e5);
+    assert_eq!(found, Some((Fault::OverPressure, 3)));
+}
+
+#[test]
+fn a_weight_that_is_too_fast_is_a_fault_in_either_direction() {
+    // 5 mm a tick, 0.5 m/s, over 0.375 m/s: over two ticks from the second one on.
+    let changes: [fn(&mut Bench); 2] = [
+        |bench| bench.contraction += 5e-3 / 0.3,
+        |bench| bench.contraction -= 5e-3 / 0.3,
+    ];
+    for change in changes {
+        let found = fault_of(&mut lifted(), change);
+        assert_eq!(found, Some((Fault::OverSpeed, 3)));
+    }
+}
+
+#[test]
+fn forces_out_of_balance_are_a_fault_in_either_direction() {
+    // An encoder that drifts by 0.6 mm a tick: the muscle would pull too little, or too much.
+    let changes: [fn(&mut Bench); 2] = [
+        |bench| bench.contraction += 2e-3,
+        |bench| bench.contraction -= 2e-3,
+    ];
+    for change in changes {
+        let found = fault_of(&mut lifted(), change).map(|(fault, _)| fault);
+        assert_eq!(found, Some(Fault::ForceBalance));
+    }
+}
+
+#[test]
+fn a_pressure_beyond_its_reference_is_a_fault() {
+    let found = fault_of(&mut Bench::assisting(), |bench| bench.pressure_pa += 2e4);
+    assert_eq!(found.map(|(fault, _)| fault), Some(Fault::PressureControl));
+}
+
+#[test]
+fn a_slow_valve_is_no_fault() {
+    let mut bench = ready(that_play());
+    let mut furthest_pa = 0.0_f32;
+    for pressure_pa in [350_000, 100_000] {
+        bench.request = Request::Play(pressure_pa);
+        for _ in 0..200 {
+            // A time constant of 0.25 s, where 0.3 s will do.
+            let output = bench.tick_with_valve(0.04);
+            assert_eq!(output.fault, None);
+            furthest_pa = furthest_pa.max((output.pressure_ref.0 - bench.pressure_pa).abs());
+        }
+    }
+    assert!(
+        furthest_pa > 9e4,
+        "further than a valve at rest may be: {furthest_pa}"
+    );
+}
+
+#[test]
+fn an_encoder_that_stands_still_while_the_pressure_falls_is_a_fault() {
+    let found = fault_of(&mut lifted(), |bench| bench.pressure_pa -= 5e3);
+    assert_eq!(
+        found.map(|(fault, _)| fault),
+        Some(Fault::Encoder(Doubt::Stuck))
+    );
+}
+
+/// The encoder stands still, too, but a pressure that is not where it should be proves nothing.
+#[test]
+fn a_pressure_that_falls_at_once_is_not_blamed_on_the_encoder() {
+    let found = fault_of(&mut lifted(), |bench| bench.pressure_pa = 6e4);
+    assert_eq!(found.map(|(fault, _)| fault), Some(Fault::PressureControl));
+}
+
+#[test]
+fn nothing_begins_on_a_suspect_reading_or_under_pressure() {
+    for request in [Request::Assist, Request::Play(100_000)] {
+        for is_suspect in [true, false] {
+            let mut bench = ready(that_play());
+            bench.request = request;
+            let mut sensors = bench.sensors();
+            if is_suspect {
+                sensors.bridge = AdcCount(4095);
+            } else {
+                sensors.pressure = AdcCount(600);
+            }
+            assert_eq!(bench.tick_with(&sensors).mode, Mode::Ready);
+            assert_ne!(
+                bench.tick().mode,
+                Mode::Ready,
+                "as soon as it is good again"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_hold_does_not_end_on_a_suspect_reading() {
+    let mut bench = Bench::assisting();
+    bench.request = Request::Hold;
+    assert_eq!(bench.tick().mode, Mode::Holding);
+    bench.request = Request::Assist;
+    let mut sensors = bench.sensors();
+    sensors.bridge = AdcCount(4095);
+    assert_eq!(bench.tick_with(&sensors).mode, Mode::Holding);
+    assert_eq!(bench.tick().mode, Mode::Assisting);
+}
+
+#[test]
+fn a_reset_waits_for_the_reference_though_the_pressure_reads_zero() {
+    let mut bench = Bench::assisting();
+    bench.request = Request::Vent;
+    bench.tick();
+    bench.request = Request::Reset;
+    bench.pressure_pa = 0.0;
+    let mut output = bench.tick();
+    while output.pressure_ref.0 > 0.0 {
+        assert_eq!(output.mode, Mode::Venting);
+        output = bench.tick();
+    }
+    assert_eq!(bench.tick().mode, Mode::SelfCheck);
+}
+
+#[test]
+fn the_finger_force_is_limited_in_either_direction() {
+    for (finger_n, limited_n) in [(24.0, 20.0), (-24.0, -20.0)] {
+        let mut bench = Bench::assisting();
+        bench.finger_n = 0.4 * finger_n;
+        bench.tick();
+        bench.finger_n = finger_n;
+        assert_eq!(bench.tick().finger_force_n, limited_n);
+    }
+}
+
+#[test]
+fn a_step_is_suspect_in_either_direction() {
+    for step_n in [17.0, -17.0] {
+        let mut bench = Bench::assisting();
+        bench.finger_n += step_n;
+        assert_eq!(bench.tick().mode, Mode::Holding);
+    }
+}
+
+/// 15 N a tick are plausible; over a tick that was missed or not seen, 30 N.
+#[test]
+fn a_step_may_be_larger_after_ticks_that_were_missed_or_out_of_range() {
+    let step = |missed_ticks: u8, is_blind: bool| {
+        let mut bench = Bench::assisting();
+        if is_blind {
+            let mut sensors = bench.sensors();
+            sensors.bridge = AdcCount(4095);
+            bench.tick_with(&sensors);
+        }
+        bench.finger_n += 17.0;
+        let sensors = Sensors {
+            missed_ticks,
+            ..bench.sensors()
+        };
+        bench.tick_with(&sensors).mode
+    };
+    assert_eq!(step(0, false), Mode::Holding, "suspect");
+    assert_eq!(step(1, false), Mode::Assisting);
+    assert_eq!(step(0, true), Mode::Assisting);
+}
+
+#[test]
+fn a_lever_that_is_pushed_down_disturbs_the_self_check() {
+    let mut bench = Bench::new();
+    let found = fault_of_self_check(&mut bench, |bench| bench.finger_n = -5.0);
+    assert_eq!(found, Some(Fault::LoadedLever));
+}
+
+/// A reading that is suspect again and again, though never long enough to be a fault.
+#[test]
+fn the_self_check_does_not_pass_on_suspect_readings() {
+    let mut bench = Bench::new();
+    for tick in 0..400 {
+        let mut sensors = bench.sensors();
+        if tick % 20 == 0 {
+            sensors.bridge = AdcCount(4095);
+        }
+        assert_eq!(bench.tick_with(&sensors).mode, Mode::SelfCheck);
+    }
+}
+
+fn fault_of_self_check(bench: &mut Bench, disturb: fn(&mut Bench)) -> Option<Fault> {
+    (0..600).find_map(|_| {
+        disturb(bench);
+        bench.tick().fault
+    })
 }
 
 #[test]

@@ -21,7 +21,8 @@ use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-const TICK: Duration = Duration::from_millis(10);
+/// The board's tick.
+pub const TICK: Duration = Duration::from_millis(10);
 const QUEUE: usize = 15;
 
 /// What happens to bytes, each with so many chances in 65 536.
@@ -79,6 +80,11 @@ impl DeviceBoard {
             random: seed | 1,
             frames_rejected: 0,
         }
+    }
+
+    /// Ticks since the beginning.
+    pub fn ticks(&self) -> u32 {
+        self.ticks
     }
 
     fn chance(&mut self, of_65536: u16) -> bool {
