@@ -686,7 +686,7 @@ fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
 
 /// A bench in an experiment whose weight hangs at 200 kPa, at ε = 0.124.
 fn lifted() -> Bench {
-    let mut bench = ready(that_play());
+    let mut bench = ready(values_with_experiment());
     bench.request = Request::Play(200_000);
     for _ in 0..200 {
         assert_eq!(bench.tick_in_balance().fault, None);
@@ -743,7 +743,7 @@ fn a_pressure_beyond_its_reference_is_a_fault() {
 
 #[test]
 fn a_slow_valve_is_no_fault() {
-    let mut bench = ready(that_play());
+    let mut bench = ready(values_with_experiment());
     let mut furthest_pa = 0.0_f32;
     for pressure_pa in [350_000, 100_000] {
         bench.request = Request::Play(pressure_pa);
@@ -780,7 +780,7 @@ fn a_pressure_that_falls_at_once_is_not_blamed_on_the_encoder() {
 fn nothing_begins_on_a_suspect_reading_or_under_pressure() {
     for request in [Request::Assist, Request::Play(100_000)] {
         for is_suspect in [true, false] {
-            let mut bench = ready(that_play());
+            let mut bench = ready(values_with_experiment());
             bench.request = request;
             let mut sensors = bench.sensors();
             if is_suspect {
