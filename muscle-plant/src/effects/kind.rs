@@ -133,7 +133,7 @@ pub struct EffectKind {
     pub requires: &'static [Requirement],
     /// The signature that it leaves in data, in words.
     pub signature: &'static str,
-    /// The test signal that tells it from what it is confused with.
+    /// The test signal that distinguishes it from similar effects.
     pub test_signal: &'static str,
     /// Share of the effect that is expected to remain as a residual because a rig's equations
     /// differ from every form here \[-\]; 0 where the name determines the form.

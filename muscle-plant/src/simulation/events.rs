@@ -182,11 +182,11 @@ fn lowest(begin: f64, end: f64, slopes: [f64; 2], value: impl Fn(f64) -> f64) ->
     let square = 3.0 * (end - begin) - 2.0 * slopes[0] - slopes[1];
     let root = (square * square - 3.0 * cubic * slopes[0]).max(0.0).sqrt();
     let lowest = (-slopes[0] / (square + root)).clamp(0.01, 0.99);
-    let reach = 0.1 * lowest.min(1.0 - lowest);
-    let [left, middle, right] = [lowest - reach, lowest, lowest + reach].map(value);
+    let half_width = 0.1 * lowest.min(1.0 - lowest);
+    let [left, middle, right] = [lowest - half_width, lowest, lowest + half_width].map(value);
     let curvature = left - 2.0 * middle + right;
     if curvature > 0.0 {
-        lowest + (0.5 * reach * (left - right) / curvature).clamp(-reach, reach)
+        lowest + (0.5 * half_width * (left - right) / curvature).clamp(-half_width, half_width)
     } else {
         lowest
     }

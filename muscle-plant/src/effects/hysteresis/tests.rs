@@ -24,18 +24,18 @@ fn strokes(pressure_pa: f64) -> Inputs {
     bench(STEP_S, 401, through(STROKES), |_| pressure_pa)
 }
 
-fn hysteresis(form: &str, own: &[(&str, f64)], base_share: f64) -> Effect {
+fn hysteresis(form: &str, parameters: &[(&str, f64)], base_share: f64) -> Effect {
     let common = [
         ("force_n", FORCE_N),
         ("reach", PRESLIDING),
         ("base_share", base_share),
     ];
-    effect(&KIND, form, &[&common, own].concat())
+    effect(&KIND, form, &[&common, parameters].concat())
 }
 
 /// Each form with its name and its bound while extending, relative to that while contracting.
 fn forms(base_share: f64) -> [(&'static str, Effect, f64); 3] {
-    let with = |form, own: &[(&str, f64)]| hysteresis(form, own, base_share);
+    let with = |form, parameters: &[(&str, f64)]| hysteresis(form, parameters, base_share);
     [
         (
             "maxwell-slip",
@@ -93,8 +93,8 @@ fn the_base_share_of_the_hysteresis_does_not_need_pressure() {
 #[test]
 fn maxwell_slip_is_the_sum_of_its_elements_and_closes_minor_loops() {
     for (spread, taper) in [(1.0, 0.0), (2.0, 0.0), (2.0, 1.0)] {
-        let own = [("spread", spread), ("taper", taper)];
-        let added = added_n(&hysteresis("maxwell-slip", &own, 0.0), &strokes(3e5));
+        let parameters = [("spread", spread), ("taper", taper)];
+        let added = added_n(&hysteresis("maxwell-slip", &parameters, 0.0), &strokes(3e5));
         for (row, added) in added.iter().enumerate().take(201).skip(101) {
             let distance = 0.1 * (row - 100) as f64 * STEP_S;
             let threshold = |i: i32| PRESLIDING * f64::powf(spread, f64::from(i) / 5.0 - 0.5);
