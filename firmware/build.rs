@@ -1,16 +1,16 @@
-//! Hands memory.x to the linker, and the commit to `link::Identity`.
+//! Puts memory.x on the linker's search path and passes the commit to `link::identity`.
 
-use std::{env, fs, path::PathBuf, process::Command};
+use std::{env, path::Path, process::Command};
 
 fn main() {
-    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy("memory.x", out.join("memory.x")).expect("memory.x stands beside this");
-    println!("cargo:rustc-link-search={}", out.display());
-    // The logs' sections; here, as not every program for this CPU logs.
+    let manifest_dir = env::var("CARGO_MANIFEST_DIR").expect("cargo sets CARGO_MANIFEST_DIR");
+    let root = Path::new(&manifest_dir).parent().expect("the repository");
+    println!("cargo:rustc-link-search={}", root.display());
+    println!("cargo:rerun-if-changed={}", root.join("memory.x").display());
+    // defmt's sections. Not in .cargo/config.toml, because cortex-m-tests does not use defmt.
     println!("cargo:rustc-link-arg=-Tdefmt.x");
-    println!("cargo:rerun-if-changed=memory.x");
 
-    // Outside of a repository the commit is unknown: zero.
+    // Outside a repository the commit is unknown: 0.
     let commit = git(&["rev-parse", "--short=8", "HEAD"]).unwrap_or("0".into());
     println!("cargo:rustc-env=COMMIT={commit}");
     if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {

@@ -1,5 +1,6 @@
-//! A proof, not a program: its panic handler calls a function that does not exist. It links only
-//! where the optimiser has removed every panic from what the tick and the link call in model-core.
+//! Link-time proof that the functions of model-core that tick and link call cannot panic: the panic
+//! handler calls an undefined function, so that this links only if the optimiser has removed every
+//! panic. It is never run.
 #![no_std]
 #![no_main]
 
@@ -16,7 +17,7 @@ use stm32f4xx_hal as _;
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
     #[allow(unsafe_code)]
-    // SAFETY: never linked.
+    // SAFETY: undefined, hence never called.
     unsafe extern "C" {
         safe fn model_core_can_panic() -> !;
     }
@@ -27,7 +28,7 @@ fn panic(_: &PanicInfo) -> ! {
 fn main() -> ! {
     let mut decoder = Decoder::new();
     let mut clock = TickClock::new(NonZeroU32::MIN);
-    // Nothing of this is known to the compiler.
+    // black_box hides the values from the optimiser.
     let values = black_box(model_core::settings::SettingsValues::reference());
     let Ok(settings) = Settings::new(values) else {
         cortex_m::peripheral::SCB::sys_reset()

@@ -1,7 +1,7 @@
-//! What stops the firmware: the valve first, then a note that survives the reset. The controller's
-//! fault is noted too.
+//! Panics, faults and unexpected interrupts: set the valve to 0 V, write a note to RAM that
+//! survives the reset, then reset. The note also holds the latched fault of the controller.
 
-use crate::valve;
+use crate::driver::valve;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use cortex_m::peripheral::SCB;
@@ -9,16 +9,17 @@ use cortex_m_rt::exception;
 use model_core::link::{self, Crash, FRAME_LEN_MAX, Note};
 use model_core::supervisor::Fault;
 
-/// Long enough for any [`Note`] as a frame.
+/// Length of the note: enough for any [`Note`] as a frame.
 const NOTE_LEN: usize = 48;
 
-/// The note, as a frame of the link: its checksum tells it from what RAM holds after power-on.
+/// The note as a link frame. Its checksum distinguishes it from the random content of the RAM
+/// after power-on.
 #[allow(unsafe_code)]
-// SAFETY: nothing initialises this section, and any byte is an AtomicU8.
+// SAFETY: start-up code does not initialise this section; every byte value is a valid AtomicU8.
 #[unsafe(link_section = ".uninit.crash")]
 static NOTE: [AtomicU8; NOTE_LEN] = [const { AtomicU8::new(0) }; NOTE_LEN];
 
-/// The note from before this reset; it is told once.
+/// Takes the note from before this reset, and erases it.
 pub fn take_note() -> Note {
     let note = read_note();
     for byte in &NOTE {
@@ -27,7 +28,7 @@ pub fn take_note() -> Note {
     note
 }
 
-/// Notes that `fault` is latched, or that none is any more.
+/// Writes the latched fault to the note, or that none is latched.
 pub fn note_fault(fault: Option<Fault>) {
     write_note(&Note { crash: None, fault });
 }
@@ -41,8 +42,8 @@ fn read_note() -> Note {
 
 fn write_note(note: &Note) {
     if let Ok(frame) = link::encode(note, &mut [0; FRAME_LEN_MAX]) {
-        for (place, byte) in NOTE.iter().zip(frame) {
-            place.store(*byte, Relaxed);
+        for (cell, byte) in NOTE.iter().zip(frame) {
+            cell.store(*byte, Relaxed);
         }
     }
 }
@@ -62,15 +63,17 @@ fn panic(info: &PanicInfo) -> ! {
     valve::make_safe();
     let (file, line) = info.location().map_or(("", 0), |l| (l.file(), l.line()));
     let mut file_end = [0; 16];
-    for (place, byte) in file_end.iter_mut().rev().zip(file.bytes().rev()) {
-        *place = byte;
+    for (target, byte) in file_end.iter_mut().rev().zip(file.bytes().rev()) {
+        *target = byte;
     }
     stop(Crash::Panic { line, file_end })
 }
 
-/// The stack pointer may be outside of the RAM: takes the stack anew before anything is pushed.
+/// Entry of the hard fault. The stack pointer may be outside the RAM: resets it before anything is
+/// pushed.
 #[allow(unsafe_code)]
-// SAFETY: the vector table's entry of this name. Nothing returns to what was on the stack.
+// SAFETY: the vector table refers to this name. The handler does not return, so that it may
+// overwrite the stack.
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
 unsafe extern "C" fn hard_fault_entry() -> ! {
@@ -86,33 +89,33 @@ unsafe extern "C" fn hard_fault_entry() -> ! {
 extern "C" fn hard_fault(sp: u32) -> ! {
     valve::make_safe();
     let stack = stack();
-    // Eight registers were pushed, in this order: r0 to r3, r12, lr, pc, xpsr.
+    // The CPU has pushed eight registers in this order: r0 to r3, r12, lr, pc, xpsr.
     if !(stack.start..stack.end - 32).contains(&sp) {
         stop(Crash::StackOverflow { sp });
     }
     #[allow(unsafe_code)]
-    // SAFETY: these eight words lie within the stack.
+    // SAFETY: these eight words are within the stack.
     let (lr, pc) = unsafe {
         let pushed = sp as *const u32;
         (pushed.add(5).read(), pushed.add(6).read())
     };
     #[allow(unsafe_code)]
-    // SAFETY: a register that may be read at any time.
+    // SAFETY: this register may be read at any time.
     let cfsr = unsafe { (*SCB::PTR).cfsr.read() };
     stop(Crash::HardFault { pc, lr, cfsr })
 }
 
 #[allow(unsafe_code)]
-// SAFETY: this handler uses nothing that it may have interrupted: it does not return.
+// SAFETY: the handler does not return, so that it cannot disturb what it interrupted.
 #[exception]
 unsafe fn DefaultHandler(interrupt: i16) -> ! {
     stop(Crash::Interrupt(interrupt))
 }
 
-/// Where the stack may be.
+/// Address range of the stack.
 fn stack() -> core::ops::Range<u32> {
     #[allow(unsafe_code)]
-    // SAFETY: memory.x defines both; only their addresses are taken.
+    // SAFETY: memory.x defines both symbols; only their addresses are used.
     unsafe extern "C" {
         static _stack_end: u8;
         static _stack_start: u8;
@@ -120,12 +123,12 @@ fn stack() -> core::ops::Range<u32> {
     (&raw const _stack_end) as u32..(&raw const _stack_start) as u32
 }
 
-/// Bytes of the stack that were never used: they still hold what the start-up painted.
+/// Bytes of the stack that were never used: they still hold the pattern of the start-up code.
 pub fn stack_free_bytes() -> u16 {
     let words = stack().step_by(4);
     let painted = words.take_while(|address| {
         #[allow(unsafe_code)]
-        // SAFETY: aligned, and within the stack.
+        // SAFETY: the address is aligned and within the stack.
         let word = unsafe { (*address as *const u32).read_volatile() };
         word == cortex_m_rt::STACK_PAINT_VALUE
     });

@@ -1,37 +1,36 @@
-//! The power assist on the board: what runs when. What is decided, model-core decides.
+//! The power assist on the board: the tasks and what connects them. All decisions are made in
+//! model-core.
 //!
-//! | priority | task                  | when                 | may take                      |
+//! | priority | task                  | runs                 | time budget                   |
 //! |----------|-----------------------|----------------------|-------------------------------|
-//! | 3        | [`app::tick`]         | each 10 ms           | 1 % of that                   |
-//! | 2        | [`app::serve_link`]   | each ms              | what the tick leaves          |
-//! | 0        | [`app::idle`]         | else                 | sleeps, having logged         |
+//! | 3        | [`app::tick`]         | every 10 ms          | 1 % of the period             |
+//! | 2        | [`app::serve_link`]   | every 1 ms           | what the tick leaves          |
+//! | 0        | [`app::idle`]         | otherwise            | writes logs, then sleeps      |
 //!
-//! Queues connect them, no locks: nothing can make the tick wait but masked interrupts, which last
-//! as long as a log entry.
+//! The tasks exchange data through queues, without locks. Only masked interrupts can delay the
+//! tick: while a log entry is written, and while settings are stored, when the valve is at 0 V.
 #![no_std]
 #![no_main]
 
-mod adc;
 mod board;
 mod crash;
-mod encoder;
-mod flash;
+mod driver;
 mod link;
-mod valve;
-mod watchdog;
 
 use defmt_rtt as _;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
-    use crate::adc::{self, Scanner};
-    use crate::board::{self, Button, Parts};
+    use crate::board::{self, ButtonPin};
     use crate::crash;
-    use crate::encoder::Encoder;
-    use crate::flash::Store;
-    use crate::link::Link;
-    use crate::valve::{self, Valve};
-    use crate::watchdog::{self, Watchdog};
+    use crate::driver::Devices;
+    use crate::driver::adc::Adc;
+    use crate::driver::button::Button;
+    use crate::driver::encoder::Encoder;
+    use crate::driver::flash::Store;
+    use crate::driver::valve::{self, Valve};
+    use crate::driver::watchdog::{self, Watchdog};
+    use crate::link::{self, Link};
     use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
@@ -43,16 +42,16 @@ mod app {
     use model_core::timing::TickClock;
     use stm32f4xx_hal::ClearFlags;
     use stm32f4xx_hal::pac::TIM3;
-    use stm32f4xx_hal::timer::{CounterUs, Flag};
+    use stm32f4xx_hal::timer::{CounterUs, Flag, SysDelay};
 
-    /// Told to the tick: venting is asked for. Not queued, so that nothing can crowd it out.
-    static VENT: AtomicBool = AtomicBool::new(false);
-    /// Told by the tick: settings must not change.
+    /// A vent request for the next tick. Not in the command queue, which may be full.
+    static VENT_REQUESTED: AtomicBool = AtomicBool::new(false);
+    /// Set by the tick while settings must not change.
     static ARMED: AtomicBool = AtomicBool::new(false);
 
-    const VENTING: Command = Command::Request(Request::Vent);
+    const VENT: Command = Command::Request(Request::Vent);
 
-    /// What is logged.
+    /// Mode and fault after a change, for the log.
     type Change = (Mode, Option<Fault>);
 
     #[shared]
@@ -62,9 +61,9 @@ mod app {
     struct Local {
         device: Device,
         clock: TickClock,
-        scanner: Scanner,
+        adc: Adc,
         encoder: Encoder,
-        button: Button,
+        button: Button<ButtonPin>,
         valve: Valve,
         watchdog: Watchdog,
         to_tick: Producer<'static, Command>,
@@ -73,6 +72,7 @@ mod app {
         telemetries: Consumer<'static, Telemetry>,
         link: Link,
         link_timer: CounterUs<TIM3>,
+        delay: SysDelay,
         store: Store,
         settings: SettingsValues,
         identity: Identity,
@@ -89,37 +89,38 @@ mod app {
     fn init(cx: init::Context) -> (Shared, Local) {
         let note = crash::take_note();
         let reset = watchdog::reset_cause(&cx.device.RCC);
-        let mut parts = Parts::new(cx.device, cx.core);
-        let (settings, source) = parts.store.load();
+        let mut devices = Devices::new(cx.device, cx.core);
+        let (settings, source) = devices.store.load();
         defmt::info!(
-            "reset: {}, before it: {}",
+            "reset cause: {}, note of the previous run: {}",
             defmt::Debug2Format(&reset),
             defmt::Debug2Format(&note)
         );
-        let identity = board::identity(reset, note, source);
+        let identity = link::identity(reset, note, source);
 
         let (to_tick, commands) = cx.local.command_queue.split();
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
         let (to_log, changes) = cx.local.change_queue.split();
-        parts.watchdog.expect_ticks();
-        adc::start_ticks(parts.tick_timer, &mut parts.rcc);
+        devices.watchdog.expect_ticks();
+        devices.tick_timer.start();
         (
             Shared {},
             Local {
                 device: Device::new(settings),
                 clock: TickClock::new(board::TICK_CYCLES),
-                scanner: parts.scanner,
-                encoder: parts.encoder,
-                button: parts.button,
-                valve: parts.valve,
-                watchdog: parts.watchdog,
+                adc: devices.adc,
+                encoder: devices.encoder,
+                button: devices.button,
+                valve: devices.valve,
+                watchdog: devices.watchdog,
                 to_tick,
                 commands,
                 from_tick,
                 telemetries,
-                link: parts.link,
-                link_timer: parts.link_timer,
-                store: parts.store,
+                link: Link::new(devices.serial),
+                link_timer: devices.link_timer,
+                delay: devices.delay,
+                store: devices.store,
                 settings: *settings.values(),
                 identity,
                 last_change: (Mode::SelfCheck, None),
@@ -129,46 +130,48 @@ mod app {
         )
     }
 
-    /// The scan of this tick's conversions has ended.
+    /// One tick of the controller; the DMA starts it when the scan of the ADC is complete.
     #[task(binds = DMA2_STREAM0, priority = 3,
-        local = [device, clock, scanner, encoder, button, valve, watchdog, commands, from_tick])]
+        local = [device, clock, adc, encoder, button, valve, watchdog, commands, from_tick])]
     fn tick(cx: tick::Context) {
         let local = cx.local;
         let begin_cycles = DWT::cycle_count();
         let timing = local.clock.begin(begin_cycles);
-        let (bridge, pressure) = local.scanner.read();
+        let (bridge, pressure) = local.adc.read();
         let pins = Pins {
             bridge,
             pressure,
             encoder: local.encoder.read(),
             button_pressed: local.button.is_pressed(),
         };
-        let vent = VENT.swap(false, Relaxed).then_some(VENTING);
+        let vent = VENT_REQUESTED.swap(false, Relaxed).then_some(VENT);
         let queued = core::iter::from_fn(|| local.commands.dequeue());
         let tick = local
             .device
             .tick(&pins, timing, vent.into_iter().chain(queued));
         local.valve.set(tick.valve);
         ARMED.store(tick.armed, Relaxed);
-        // Full only if the link has not had its turn for four ticks: the tick's number shows it.
+        // Full only if the link task has not run for four ticks. The PC sees the gap in the tick
+        // numbers.
         let _ = local.from_tick.enqueue(tick.telemetry);
         local.watchdog.feed();
         local.clock.end(begin_cycles, DWT::cycle_count());
     }
 
-    #[task(binds = TIM3, priority = 2, local = [link, link_timer, telemetries, to_tick, store,
-        settings, identity, to_log, last_change, greeted: bool = false])]
+    /// Sends telemetry and answers, receives commands.
+    #[task(binds = TIM3, priority = 2, local = [link, link_timer, delay, telemetries, to_tick,
+        store, settings, identity, to_log, last_change, identity_sent: bool = false])]
     fn serve_link(cx: serve_link::Context) {
         let local = cx.local;
         let link = local.link;
         local.link_timer.clear_flags(Flag::Update);
-        let mut identify = !core::mem::replace(local.greeted, true);
+        let mut identify = !core::mem::replace(local.identity_sent, true);
         while let Some(telemetry) = local.telemetries.dequeue() {
             link.send(telemetry);
             let change = (telemetry.output.mode, telemetry.output.fault);
             if core::mem::replace(local.last_change, change) != change {
                 crash::note_fault(telemetry.output.fault);
-                // What is not logged is in the telemetry.
+                // A full queue loses the log entry only: the telemetry has the change, too.
                 let _ = local.to_log.enqueue(change);
             }
         }
@@ -176,8 +179,10 @@ mod app {
             match message {
                 ToDevice::Identify => identify = true,
                 ToDevice::ReadSettings => link.answer(&FromDevice::Settings(*local.settings)),
-                ToDevice::WriteSettings(values) => write_settings(link, local.store, values),
-                ToDevice::Command(VENTING) => VENT.store(true, Relaxed),
+                ToDevice::WriteSettings(values) => {
+                    write_settings(link, local.store, local.delay, values);
+                }
+                ToDevice::Command(VENT) => VENT_REQUESTED.store(true, Relaxed),
                 ToDevice::Command(command) => {
                     if local.to_tick.enqueue(command).is_err() {
                         link.messages_dropped = link.messages_dropped.saturating_add(1);
@@ -194,14 +199,19 @@ mod app {
         link.pump();
     }
 
-    /// Stores settings and restarts with them. There is no other way for settings to change, so
-    /// none can change under a tick.
-    fn write_settings(link: &mut Link, store: &mut Store, values: SettingsValues) {
+    /// Stores valid settings and resets the board, which then starts with them. Settings change in
+    /// no other way, so that they are constant while ticks run. Refused while armed.
+    fn write_settings(
+        link: &mut Link,
+        store: &mut Store,
+        delay: &mut SysDelay,
+        values: SettingsValues,
+    ) {
         let Ok(settings) = Settings::new(values) else {
             return link.answer(&FromDevice::Written(Written::Invalid));
         };
         cortex_m::interrupt::free(|_| {
-            // With the ticks masked this cannot change any more.
+            // The tick, which writes it, is masked from here on.
             if ARMED.load(Relaxed) {
                 return link.answer(&FromDevice::Written(Written::Armed));
             }
@@ -213,11 +223,12 @@ mod app {
             } else {
                 Written::FlashFailed
             }));
-            link.flush();
+            link.flush(delay);
             SCB::sys_reset()
         })
     }
 
+    /// Writes changes of mode and fault to the log, and sleeps.
     #[idle(local = [changes])]
     fn idle(cx: idle::Context) -> ! {
         loop {

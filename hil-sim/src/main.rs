@@ -6,10 +6,6 @@
 mod cmd;
 
 use clap::{Parser, Subcommand};
-use hil_sim::bench::link::LinkError;
-use hil_sim::bench::{hil, replay};
-use hil_sim::error::BadInput;
-use hil_sim::output::NotWritten;
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -68,34 +64,7 @@ enum Command {
 }
 
 /// Why a command ended early.
-#[derive(Debug, thiserror::Error)]
-enum Failure {
-    #[error(transparent)]
-    Input(#[from] BadInput),
-    #[error(transparent)]
-    NotWritten(#[from] NotWritten),
-    #[error(transparent)]
-    Link(#[from] LinkError),
-}
-
-impl From<hil::Error> for Failure {
-    fn from(error: hil::Error) -> Failure {
-        match error {
-            hil::Error::Link(error) => error.into(),
-            hil::Error::Input(error) => error.into(),
-            hil::Error::NotWritten(error) => error.into(),
-        }
-    }
-}
-
-impl From<replay::Error> for Failure {
-    fn from(error: replay::Error) -> Failure {
-        match error {
-            replay::Error::Input(error) => error.into(),
-            replay::Error::Link(error) => error.into(),
-        }
-    }
-}
+type Failure = hil_sim::bench::error::Error;
 
 fn main() -> ExitCode {
     let result = match Cli::parse().command {

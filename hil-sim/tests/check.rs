@@ -103,20 +103,20 @@ fn a_clean_record_shows_nothing_but_what_it_is() {
 #[test]
 fn blocks_say_what_they_lack() {
     let enough = |check: &Check, rig: Option<&Rig>| {
-        let blocks = check.blocks(rig);
+        let blocks = check.subsystems(rig);
         [0, 1, 2].map(|block| blocks[block].enough)
     };
     let rig = Rig::reference();
     let whole = Bench::new(4800).check();
     assert_eq!(enough(&whole, None), [true, true, false]);
     assert_eq!(enough(&whole, Some(&rig)), [true, true, true]);
-    let gas = &whole.blocks(None)[0];
+    let gas = &whole.subsystems(None)[0];
     assert_eq!(gas.blind_to, ["supply against flow limit: no supply_pa"]);
-    assert!(whole.blocks(None)[1].blind_to.is_empty());
+    assert!(whole.subsystems(None)[1].blind_to.is_empty());
     let mut clamped = Bench::new(2400);
     clamped.contraction.fill(0.1);
     assert_eq!(
-        clamped.check().blocks(None)[1].blind_to,
+        clamped.check().subsystems(None)[1].blind_to,
         [
             "hysteresis: the direction does not change twice",
             "run-in: fewer than three cycles",
@@ -131,12 +131,15 @@ fn blocks_say_what_they_lack() {
     let without = check(&without);
     assert_eq!(enough(&without, None), [false, false, false]);
     assert_eq!(enough(&without, Some(&rig)), [false, true, true]);
-    assert_eq!(without.blocks(None)[0].missing, ["pressure_ref_pa"]);
+    assert_eq!(without.subsystems(None)[0].missing, ["pressure_ref_pa"]);
 
     let mut short = Bench::new(99).check();
     assert_eq!(enough(&short, Some(&rig)), [false; 3]);
     short.errors.clear();
-    assert!(!short.blocks(None)[0].enough, "the pressure has not moved");
+    assert!(
+        !short.subsystems(None)[0].enough,
+        "the pressure has not moved"
+    );
 }
 
 #[test]
@@ -379,7 +382,7 @@ fn the_command_says_it_in_words_and_json() {
         String::from_utf8(output.stdout).expect("text")
     };
     let words = run(&[]);
-    let error = "Error: `pressure_pa` is 100000 throughout, while `pressure_ref_pa` moves.";
+    let error = "Error: `pressure_pa` is 100000 throughout, while `pressure_ref_pa` changes.";
     assert!(words.contains(error), "{words}");
     let json: serde_json::Value = serde_json::from_str(&run(&["--json"])).expect("JSON");
     assert_eq!(json["errors"][0]["finding"], "dead");

@@ -1,6 +1,6 @@
 //! The drive of an experiment stays within the rig's limits, and moves what it says.
 
-use hil_sim::bench::test_signal::{Limits, Part, experiment};
+use hil_sim::bench::test_signal::{Limits, Part, test_signal};
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::check::check;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
@@ -15,7 +15,7 @@ fn rig() -> Rig {
 
 fn drive(parts: &[Part]) -> (Limits, Record) {
     let limits = Limits::of(&rig(), CONTRACTION_MAX).expect("limits");
-    (limits, experiment(&limits, parts).record)
+    (limits, test_signal(&limits, parts).record)
 }
 
 fn reference(record: &Record) -> &[f64] {
@@ -54,11 +54,11 @@ fn the_limits_are_the_rigs() {
 
 #[test]
 fn pressure_and_its_rate_stay_within_the_limits_and_both_ends_are_vented() {
-    for parts in [&Part::USUAL[..], &[Part::ShutHolds]] {
+    for parts in [&Part::DEFAULT[..], &[Part::ShutHolds]] {
         let (mut limits, _) = drive(&[]);
         for rate_pa_per_s_max in [None, Some(1e5)] {
             limits.rate_pa_per_s_max = rate_pa_per_s_max;
-            let record = experiment(&limits, parts).record;
+            let record = test_signal(&limits, parts).record;
             let reference_pa = reference(&record);
             assert_eq!(
                 (reference_pa[0], reference_pa[reference_pa.len() - 1]),
@@ -84,7 +84,7 @@ fn pressure_and_its_rate_stay_within_the_limits_and_both_ends_are_vented() {
 /// The nominal rig, which is damped less than a real one.
 #[test]
 fn the_weight_is_neither_thrown_nor_dropped() {
-    let (limits, drive) = drive(&Part::USUAL);
+    let (limits, drive) = drive(&Part::DEFAULT);
     let mut begin = Record::new(drive.time_s().to_vec());
     begin.set(PRESSURE_REF_PA, reference(&drive).to_vec());
     for name in [PRESSURE_PA, CONTRACTION] {
@@ -115,7 +115,7 @@ fn the_weight_is_neither_thrown_nor_dropped() {
     // What is simulated here is what a diagnosis wants.
     let found = check(&simulated);
     assert!(found.errors.is_empty());
-    for block in found.blocks(Some(&rig())) {
+    for block in found.subsystems(Some(&rig())) {
         assert!(block.enough, "{block:?}");
         let blind = block
             .blind_to
@@ -164,5 +164,5 @@ fn each_part_does_what_it_is_for() {
         signal.steps >= 8 && signal.max < limits.high_pa,
         "{signal:?}"
     );
-    assert!(drive(&Part::USUAL).1.shut().is_empty());
+    assert!(drive(&Part::DEFAULT).1.shut().is_empty());
 }

@@ -1,9 +1,13 @@
 //! An experiment is played by the controller: what was asked for comes to the valve, and it ends
 //! vented.
 
-use hil_sim::bench::closed_loop::{self, CHECKED_S, Experiment, Tick, run, settings_with};
+use hil_sim::bench::board_settings::from_rig_and_board;
+use hil_sim::bench::closed_loop::{Run, run_in_process};
+use hil_sim::bench::person::CHECKED_S;
 use hil_sim::bench::player::{End, Player};
-use hil_sim::bench::test_signal::{Limits, Part, experiment};
+use hil_sim::bench::test_signal::{Limits, Part, test_signal};
+use hil_sim::bench::tick;
+use hil_sim::bench::tick::Tick;
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{PRESSURE_PA, PRESSURE_REF_PA, Record, VALVE_OPEN};
 use hil_sim::rig::Rig;
@@ -132,9 +136,9 @@ fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
     let text = format!("{}{leak}", Rig::REFERENCE_TOML);
     let leaking = Rig::parse("rig.toml", &text).expect("a rig");
     let limits = Limits::of(&leaking, 0.3).expect("limits");
-    let drive = experiment(&limits, &[Part::ShutHolds]).record;
+    let drive = test_signal(&limits, &[Part::ShutHolds]).record;
     let (settings, ticks) = played(&leaking, &drive, 0.0);
-    let recorded = closed_loop::record(&settings, &ticks);
+    let recorded = tick::record(&settings, &ticks);
     let shut = recorded.shut();
     let count = |rows: &[bool]| rows.iter().filter(|shut| **shut).count();
     assert_eq!(count(&shut), count(&drive.shut()));
@@ -148,7 +152,7 @@ fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
         let missed_pa = rows.map(|row| (simulated_pa[row] - measured_pa[row]).abs());
         missed_pa.sum::<f64>() / count(&shut) as f64
     };
-    let noise_pa = Experiment::PAPER.pressure_noise_pa;
+    let noise_pa = Run::PAPER.pressure_noise_pa;
     let tight = Rig::reference();
     // A slip comes a little earlier or later, which the noise hardly shows.
     let followed_pa = missed_pa(&leaking, &recorded);
@@ -187,7 +191,7 @@ fn a_late_hand_at_the_cock_of_a_rig_that_leaks_ends_in_no_fault() {
             let text = format!("{}{leak}{sensor}", Rig::REFERENCE_TOML);
             let rig = Rig::parse("rig.toml", &text).expect("a rig");
             let limits = Limits::of(&rig, 0.3).expect("limits");
-            let drive = experiment(&limits, &[Part::ShutHolds]).record;
+            let drive = test_signal(&limits, &[Part::ShutHolds]).record;
             let (_, ticks) = played(&rig, &drive, 2.0);
             let highest = ticks
                 .iter()
@@ -200,23 +204,24 @@ fn a_late_hand_at_the_cock_of_a_rig_that_leaks_ends_in_no_fault() {
 }
 
 /// Plays a drive on `rig` with the controller that is on the board, and somebody at the cock who is
-/// late by `cock_delay_s`.
-fn played(rig: &Rig, drive: &Record, cock_delay_s: f64) -> (Settings, Vec<Tick>) {
+/// late by `shutoff_delay_s`.
+fn played(rig: &Rig, drive: &Record, shutoff_delay_s: f64) -> (Settings, Vec<Tick>) {
     let player = Player::new(drive).expect("a drive");
     let board = SettingsValues {
         play_pressure_pa_max: player.pressure_pa_max(),
         ..SettingsValues::reference()
     };
-    let settings = settings_with(rig, &board).expect("settings");
-    let played = Experiment {
+    let settings = from_rig_and_board(rig, &board).expect("settings");
+    let played = Run {
         arm_stiffness_n_per_m: 0.0,
-        cock_delay_s,
+        shutoff_delay_s,
         duration_s: CHECKED_S + player.length_s() + 1.0,
         play: Some(player),
-        ..Experiment::PAPER
+        ..Run::PAPER
     };
     let mut controller = Controller::new(settings);
-    let ticks = run(rig, &settings, &played, |sensors| controller.tick(sensors)).expect("a run");
+    let ticks =
+        run_in_process(rig, &settings, &played, |sensors| controller.tick(sensors)).expect("a run");
     let last = ticks.last().expect("ticks").output;
     assert_eq!(
         (last.mode, last.fault, last.pressure_ref.0),
@@ -231,7 +236,7 @@ fn played(rig: &Rig, drive: &Record, cock_delay_s: f64) -> (Settings, Vec<Tick>)
 fn the_controller_plays_a_whole_experiment_without_a_fault() {
     let rig = Rig::reference();
     let limits = Limits::of(&rig, 0.3).expect("limits");
-    let drive = experiment(&limits, &Part::USUAL).record;
+    let drive = test_signal(&limits, &Part::DEFAULT).record;
     let (_, ticks) = played(&rig, &drive, 0.0);
     let begin = ticks
         .iter()

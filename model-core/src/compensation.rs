@@ -1,23 +1,22 @@
-//! What a rig does beside the paper's equations, undone around Eq 8. Off unless the settings say
-//! otherwise.
+//! Compensation of effects that the paper's equations leave out. Off unless the settings switch it
+//! on.
 //!
-//! Before Eq 8, forces are added: to F_c what friction and another weight take, and what hysteresis
-//! takes inside the muscle. After it, the pressure is asked for ahead of time, by the lag that it
-//! comes with, and beyond the valve's dead zone. All are bounded, and every limit of the
-//! supervisor comes after them. Sensors are corrected by their scales, not here.
+//! Before Eq 8, forces are added: to F_c those of friction and of another weight, and that of the
+//! muscle's hysteresis. After Eq 8, the reference leads by the lag of the pressure and is moved
+//! beyond the valve's dead zone. All terms are bounded, and every limit of the supervisor comes
+//! after them. Sensors are corrected by their scales, not here.
 
+use crate::constants::{GRAVITY_M_PER_S2, TICK_S};
 use crate::muscle::Muscle;
+use crate::number::{Number, limited};
 use crate::pressure::GaugePa;
-use crate::settings::TICK_S;
 use serde::{Deserialize, Serialize};
 
-/// Standard gravity g \[m/s²\].
-const GRAVITY_M_PER_S2: f32 = 9.80665;
-/// Elements of the hysteresis: with fewer the corners between them show.
+/// Elements of the hysteresis: with fewer, the corners between them are felt.
 const ELEMENTS: usize = 3;
-/// Share of the lead over which the pressure's rate is averaged: less would be noise.
+/// Share of the lead over which the pressure's rate is averaged: a smaller one passes noise.
 const LEAD_FILTER: f32 = 0.25;
-/// Error over the dead zone's width at which its inverse has the whole of it, on either side.
+/// Error, as a share of the dead zone's width, at which its inverse is complete, on either side.
 const DEAD_ZONE_ROUNDING: f32 = 0.25;
 
 /// The settings of the compensation; all 0: none.
@@ -69,10 +68,14 @@ struct Slider(f32);
 impl Slider {
     /// The slider after the contraction has come to `contraction`.
     fn dragged(self, contraction: f32, reach: f32) -> Slider {
-        Slider(self.0.max(contraction - reach).min(contraction + reach))
+        Slider(
+            self.0
+                .at_least(contraction - reach)
+                .at_most(contraction + reach),
+        )
     }
 
-    /// Stretch of the spring over the one at which the slider moves: 1 contracting, −1 paying out.
+    /// Stretch of the spring over the one at which the slider moves: 1 while the muscle contracts, −1 while it extends.
     fn share(self, contraction: f32, reach: f32) -> f32 {
         if reach > 0.0 {
             limited((contraction - self.0) / reach, 1.0)
@@ -82,13 +85,13 @@ impl Slider {
     }
 }
 
-/// What the compensation remembers.
+/// State of the compensation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Memory {
+pub struct CompensationState {
     contraction: f32,
     hysteresis: [Slider; ELEMENTS],
     friction: Slider,
-    /// Eq 8 one tick ago \[Pa\], while it is followed.
+    /// Eq 8 one tick ago \[Pa\], while assisting.
     law_pa: Option<f32>,
     /// Its rate, averaged \[Pa/s\].
     rate_pa_per_s: f32,
@@ -104,7 +107,7 @@ fn friction_reach(values: &Compensation, muscle: &Muscle<f32>) -> f32 {
     values.friction_reach_m / muscle.initial_length_m
 }
 
-impl Memory {
+impl CompensationState {
     /// One tick later, the muscle's contraction being `contraction`.
     pub fn follow(&mut self, values: &Compensation, muscle: &Muscle<f32>, contraction: f32) {
         self.contraction = contraction;
@@ -121,23 +124,23 @@ impl Memory {
     pub fn load_n(&self, values: &Compensation, muscle: &Muscle<f32>) -> f32 {
         let reach = friction_reach(values, muscle);
         let friction_n = values.friction_n * self.friction.share(self.contraction, reach);
-        let payload_n = values.payload_kg * GRAVITY_M_PER_S2;
+        let payload_n = values.payload_kg * GRAVITY_M_PER_S2 as f32;
         limited(friction_n + payload_n, values.force_n_max)
     }
 
-    /// Force that hysteresis takes inside the muscle \[N\], to add to what Eq 8 is asked for:
+    /// Force that the muscle's hysteresis takes \[N\], to add to the force of Eq 8:
     /// A P s, with s from −1 to 1 the mean stretch of the elements.
     pub fn hysteresis_n(&self, values: &Compensation, pressure: GaugePa<f32>) -> f32 {
         let mut sum = 0.0;
         for (number, slider) in self.hysteresis.iter().enumerate() {
             sum += slider.share(self.contraction, element_reach(values, number));
         }
-        let size_n = values.hysteresis_area_m2 * pressure.0.max(0.0);
+        let size_n = values.hysteresis_area_m2 * pressure.0.at_least(0.0);
         limited(size_n * (sum / ELEMENTS as f32), values.force_n_max)
     }
 
-    /// The pressure to ask for \[Pa\] where Eq 8 gives P_r = `law_pa` and P is `pressure`:
-    /// P_r + τ dP_r/dt, and on by the dead zone's width in the error's direction.
+    /// Reference pressure \[Pa\] where Eq 8 gives P_r = `law_pa` and P is `pressure`:
+    /// P_r + τ dP_r/dt, moved on by the dead zone's width in the error's direction.
     pub(crate) fn pressure_pa(
         &mut self,
         values: &Compensation,
@@ -145,7 +148,7 @@ impl Memory {
         pressure: GaugePa<f32>,
     ) -> f32 {
         let change_pa = law_pa - self.law_pa.unwrap_or(law_pa);
-        let share = TICK_S / TICK_S.max(LEAD_FILTER * values.lead_s);
+        let share = TICK_S / TICK_S.at_least(LEAD_FILTER * values.lead_s);
         self.rate_pa_per_s += share * (change_pa / TICK_S - self.rate_pa_per_s);
         self.law_pa = Some(law_pa);
         let lead_pa = values.lead_s * self.rate_pa_per_s;
@@ -159,19 +162,10 @@ impl Memory {
         law_pa + limited(lead_pa + beyond_pa, values.pressure_pa_max)
     }
 
-    /// Eq 8 is followed from here on.
-    pub(crate) fn begin(&mut self) {
+    /// Restarts the lead: the last value of Eq 8 is no longer valid.
+    pub(crate) fn restart_lead(&mut self) {
         self.law_pa = None;
         self.rate_pa_per_s = 0.0;
-    }
-}
-
-/// `value` limited to ±`magnitude`; zero for NaN.
-pub(crate) fn limited(value: f32, magnitude: f32) -> f32 {
-    if value.is_nan() {
-        0.0
-    } else {
-        value.max(-magnitude).min(magnitude)
     }
 }
 
@@ -195,13 +189,13 @@ mod tests {
         pressure_pa_max: 5e4,
     };
 
-    /// After a way through these contractions.
-    fn after(values: &Compensation, way: &[f32]) -> Memory {
-        let mut memory = Memory::default();
+    /// The state after these contractions.
+    fn after(values: &Compensation, way: &[f32]) -> CompensationState {
+        let mut state = CompensationState::default();
         for contraction in way {
-            memory.follow(values, &MUSCLE, *contraction);
+            state.follow(values, &MUSCLE, *contraction);
         }
-        memory
+        state
     }
 
     /// Within what f32 leaves of a contraction of 0.2 over an element's reach, 1e-5 of 18 N.
@@ -215,17 +209,17 @@ mod tests {
 
     #[test]
     fn off_it_does_nothing() {
-        let mut memory = after(&Compensation::OFF, &[0.0, 0.2, 0.1]);
-        assert_eq!(memory.load_n(&Compensation::OFF, &MUSCLE), 0.0);
-        assert_eq!(memory.hysteresis_n(&Compensation::OFF, GaugePa(3e5)), 0.0);
+        let mut state = after(&Compensation::OFF, &[0.0, 0.2, 0.1]);
+        assert_eq!(state.load_n(&Compensation::OFF, &MUSCLE), 0.0);
+        assert_eq!(state.hysteresis_n(&Compensation::OFF, GaugePa(3e5)), 0.0);
         for law_pa in [0.0, 1e5, 3e5] {
-            let asked_pa = memory.pressure_pa(&Compensation::OFF, law_pa, GaugePa(2e5));
+            let asked_pa = state.pressure_pa(&Compensation::OFF, law_pa, GaugePa(2e5));
             assert_eq!(asked_pa, law_pa);
         }
     }
 
-    /// 6e-5 m² at 300 kPa are 18 N either way; whole after the reach from rest, turned after twice
-    /// the reach.
+    /// 6e-5 m² at 300 kPa are 18 N either way: complete after the reach from rest, reversed after
+    /// twice the reach.
     #[test]
     fn hysteresis_is_a_loop_that_closes() {
         assert!(close(hysteresis_n(&[0.0, 0.03]), 18.0));
@@ -234,9 +228,9 @@ mod tests {
         let major = [0.0, 0.2, 0.15];
         let minor = [0.0, 0.2, 0.15, 0.16, 0.15];
         assert!(close(hysteresis_n(&major), hysteresis_n(&minor)));
-        // Nothing without pressure, and none from a vacuum that a sensor makes up.
-        let memory = after(&EVERY_PART, &major);
-        assert_eq!(memory.hysteresis_n(&EVERY_PART, GaugePa(-1e5)), 0.0);
+        // None without pressure, nor from a vacuum that a sensor reports by error.
+        let state = after(&EVERY_PART, &major);
+        assert_eq!(state.hysteresis_n(&EVERY_PART, GaugePa(-1e5)), 0.0);
     }
 
     #[test]
@@ -251,25 +245,26 @@ mod tests {
         assert!((flicker_n - 8.0 * 0.0125).abs() < 1e-3, "{flicker_n}");
     }
 
-    /// A ramp of 100 kPa/s is asked for 20 ms, 2 kPa, ahead; the dead zone's whole width from a
-    /// quarter of it on.
+    /// On a ramp of 100 kPa/s the reference leads by 20 ms, which are 2 kPa. The dead zone's inverse
+    /// is complete from a quarter of its width on.
     #[test]
-    fn pressure_is_asked_for_ahead_and_beyond_the_dead_zone() {
+    fn reference_leads_and_is_moved_beyond_the_dead_zone() {
         let lead = Compensation {
             dead_zone_filling_pa: 0.0,
             dead_zone_exhausting_pa: 0.0,
             ..EVERY_PART
         };
-        let mut memory = Memory::default();
+        let mut state = CompensationState::default();
         let ahead_pa = |tick: u8| {
             let law_pa = 2e5 + 1e3 * f32::from(tick);
-            memory.pressure_pa(&lead, law_pa, GaugePa(law_pa)) - law_pa
+            state.pressure_pa(&lead, law_pa, GaugePa(law_pa)) - law_pa
         };
         let ahead_pa: Vec<f32> = (0..3).map(ahead_pa).collect();
         assert_eq!(ahead_pa[0], 0.0);
         assert!((ahead_pa[2] - 2e3).abs() < 1.0, "{ahead_pa:?}");
         let beyond_pa = |error_pa: f32| {
-            let asked_pa = Memory::default().pressure_pa(&EVERY_PART, 2e5, GaugePa(2e5 - error_pa));
+            let asked_pa =
+                CompensationState::default().pressure_pa(&EVERY_PART, 2e5, GaugePa(2e5 - error_pa));
             asked_pa - 2e5
         };
         assert_eq!(
@@ -279,7 +274,7 @@ mod tests {
         assert_eq!([1e3, 0.0, -500.0].map(beyond_pa), [4e3, 0.0, -2e3]);
     }
 
-    /// Any number, and those that are none.
+    /// Any number, infinity and NaN included.
     fn any() -> impl Strategy<Value = f32> {
         prop_oneof![
             proptest::num::f32::ANY,
@@ -296,13 +291,13 @@ mod tests {
             pressures in proptest::collection::vec((0.0_f32..5e5, any()), 1..8),
         ) {
             let values = &Compensation { force_n_max: 10.0, ..EVERY_PART };
-            let mut memory = after(values, &way);
+            let mut state = after(values, &way);
             let force_n_max = values.force_n_max;
-            prop_assert!(memory.load_n(values, &MUSCLE).abs() <= force_n_max);
+            prop_assert!(state.load_n(values, &MUSCLE).abs() <= force_n_max);
             for (law_pa, pressure_pa) in pressures {
                 let pressure = GaugePa(pressure_pa);
-                prop_assert!(memory.hysteresis_n(values, pressure).abs() <= force_n_max);
-                let asked_pa = memory.pressure_pa(values, law_pa, pressure);
+                prop_assert!(state.hysteresis_n(values, pressure).abs() <= force_n_max);
+                let asked_pa = state.pressure_pa(values, law_pa, pressure);
                 // Half a pascal for the rounding of f32.
                 prop_assert!((asked_pa - law_pa).abs() <= values.pressure_pa_max + 0.5);
             }

@@ -1,9 +1,10 @@
-//! The device around the controller: where its sensors come from, who may ask for what.
+//! The device around the controller: which sensors it reads, and which requests it takes.
 //!
-//! The firmware reads pins and bytes; what follows from them is decided here.
+//! The firmware reads pins and bytes. This module decides what follows from them.
 
-use crate::controller::Controller;
+use crate::controller::{Control, Controller};
 use crate::io::{Output, Request, Sensors};
+use crate::limits::HIL_SILENCE_TICKS;
 use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
@@ -12,20 +13,18 @@ use crate::timing::Timing;
 use crate::voted::Voted;
 use serde::{Deserialize, Serialize};
 
-/// Hardware in the loop ends after so many ticks without a message: half a second.
-pub const HIL_SILENCE_TICKS: u8 = 50;
 /// Ticks for which the button must read pressed: contacts bounce for some milliseconds.
 const BUTTON_TICKS: u8 = 3;
 
-/// What the link may ask of a tick.
+/// A command of the link for a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
-    /// Ask the controller. With hardware in the loop requests come with the sensors instead.
+    /// A request to the controller. With hardware in the loop requests come with the sensors instead.
     Request(Request),
     /// Begin hardware in the loop: sensors from the link, the valve at its safe voltage. Does
     /// nothing while armed.
     EnterHil,
-    /// End it.
+    /// End hardware in the loop.
     LeaveHil,
     /// The next tick's sensors, with hardware in the loop.
     Sensors(SimulatedSensors),
@@ -36,11 +35,11 @@ pub enum Command {
 pub struct SimulatedSensors {
     /// Counts up with each message; one that does not is dropped.
     pub sequence: u32,
-    /// What the controller is to read.
+    /// The readings.
     pub sensors: Sensors,
 }
 
-/// What the pins say.
+/// Readings of the pins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pins {
     /// Strain-gauge bridge.
@@ -53,34 +52,41 @@ pub struct Pins {
     pub button_pressed: bool,
 }
 
-/// What a tick sets and tells.
+/// Result of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
-    /// What the valve's DAC is to be set to.
+    /// The value for the valve's DAC.
     pub valve: DacCount,
     /// The muscle is or may be under pressure: settings must not change.
     pub armed: bool,
-    /// What to tell.
+    /// Telemetry for the link.
     pub telemetry: Telemetry,
 }
 
-/// The controller and what surrounds it.
+/// A controller with its button, its link and hardware in the loop.
 #[derive(Clone, Debug)]
-pub struct Device {
-    controller: Controller,
+pub struct Device<C = Controller> {
+    controller: C,
     /// A flipped bit must not put the valve to its safe voltage, which drops the weight.
     hil: Voted<Option<Hil>>,
     button: Button,
     tick: u32,
-    /// The last tick's.
+    /// The last tick's output.
     output: Output,
 }
 
 impl Device {
     /// A device that begins with the controller's self-check.
     pub fn new(settings: Settings) -> Device {
+        Device::with_controller(Controller::new(settings))
+    }
+}
+
+impl<C: Control> Device<C> {
+    /// A device with this controller.
+    pub fn with_controller(controller: C) -> Device<C> {
         Device {
-            controller: Controller::new(settings),
+            controller,
             hil: Voted::new(None),
             button: Button::default(),
             tick: 0,
@@ -88,21 +94,14 @@ impl Device {
         }
     }
 
-    /// The controller, to damage it, or one that lacks a safety function in its place.
-    #[cfg(feature = "fault-injection")]
-    pub fn controller_mut(&mut self) -> &mut Controller {
+    /// The controller, for the fault campaign to damage its memory.
+    pub fn controller_mut(&mut self) -> &mut C {
         &mut self.controller
     }
 
-    /// The three copies of whether hardware in the loop is on, flipped in one.
-    #[cfg(feature = "fault-injection")]
-    #[allow(clippy::indexing_slicing)]
-    pub fn flip_hil(&mut self, copy: usize) {
-        let hil = &mut self.hil.copies()[copy];
-        *hil = match hil {
-            None => Some(Hil::default()),
-            Some(_) => None,
-        };
+    /// Hardware in the loop, if it is on, for the fault campaign to damage a copy.
+    pub fn hil_mut(&mut self) -> &mut Voted<Option<Hil>> {
+        &mut self.hil
     }
 
     /// One tick. Takes from `commands` what belongs to it: with hardware in the loop, that ends
@@ -160,9 +159,9 @@ impl Device {
         }
     }
 
-    /// True unless the reference pressure is zero and stays there until somebody asks.
+    /// True unless the reference pressure is zero and stays there until a request.
     pub fn is_armed(&self) -> bool {
-        let state = self.controller.state();
+        let state = self.controller.memory().state.get();
         let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
         moves || state.pressure_ref_pa > 0.0
     }
@@ -180,9 +179,9 @@ impl Device {
         }
     }
 
-    /// The controller's past was another world's.
+    /// Restarts the controller: its state belongs to the plant that it leaves.
     fn restart(&mut self) {
-        self.controller.restart();
+        self.controller.memory_mut().restart();
         self.output = Output::default();
     }
 
@@ -209,9 +208,9 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
     }
 }
 
-/// Hardware in the loop.
+/// State of hardware in the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Hil {
+pub struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,
 }
@@ -229,14 +228,14 @@ impl Hil {
     }
 }
 
-/// The button: what it asks for depends on the mode.
+/// The button: its request depends on the mode.
 #[derive(Clone, Copy, Debug)]
 struct Button {
     pressed_ticks: u8,
 }
 
 impl Default for Button {
-    /// Pressed for long, so that a button that hangs does nothing.
+    /// Pressed for long, so that a button that is stuck does nothing.
     fn default() -> Button {
         Button {
             pressed_ticks: u8::MAX,
@@ -368,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn button_that_hangs_does_nothing() {
+    fn stuck_button_does_nothing() {
         let mut device = Device::new(settings());
         let pressed = Pins {
             button_pressed: true,

@@ -1,30 +1,62 @@
-//! What goes into a tick and what comes out: all of it, so that a record of both can be replayed.
+//! Input and output of a tick. Both are complete, so that a record of them can be replayed.
 
 use crate::pressure::GaugePa;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
 use crate::supervisor::{Fault, Mode};
+use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// What the person or the link asks for.
+/// A request of the person or the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
     /// Nothing: go on.
     #[default]
     None,
-    /// Begin or resume to assist.
+    /// Begin to assist, or resume.
     Assist,
     /// Hold the pressure.
     Hold,
     /// Let the weight down and switch off.
     Vent,
-    /// Forget the fault and check again, once vented.
+    /// Clear the fault and check again, once vented.
     Reset,
-    /// Bring the pressure to so many pascals, as far as the settings allow: an experiment, to be
+    /// Bring the pressure to this value \[Pa\], as far as the settings allow: an experiment. To be
     /// repeated each tick or so.
     Play(u32),
 }
 
-/// All that a tick may read.
+/// The word for this request in records; `Play(…)` contains its pressure \[Pa\].
+impl fmt::Display for Request {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Request::None => "None",
+            Request::Assist => "Assist",
+            Request::Hold => "Hold",
+            Request::Vent => "Vent",
+            Request::Reset => "Reset",
+            Request::Play(pressure_pa) => return write!(f, "Play({pressure_pa})"),
+        })
+    }
+}
+
+impl Request {
+    /// The request that `name` stands for in records, if any.
+    pub fn from_name(name: &str) -> Option<Request> {
+        match name {
+            "None" => Some(Request::None),
+            "Assist" => Some(Request::Assist),
+            "Hold" => Some(Request::Hold),
+            "Vent" => Some(Request::Vent),
+            "Reset" => Some(Request::Reset),
+            other => {
+                let pressure_pa = other.strip_prefix("Play(")?.strip_suffix(')')?;
+                pressure_pa.parse().ok().map(Request::Play)
+            }
+        }
+    }
+}
+
+/// Input of a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Sensors {
     /// Strain-gauge bridge of the lever.
@@ -33,13 +65,13 @@ pub struct Sensors {
     pub pressure: AdcCount,
     /// Muscle displacement encoder.
     pub encoder: EncoderCount,
-    /// Ticks that did not happen since the last one.
+    /// Ticks missed since the last one.
     pub missed_ticks: u8,
-    /// What is asked for.
+    /// The request of the person or the link.
     pub request: Request,
 }
 
-/// All that a tick decides: the valve's command, and what is logged.
+/// Output of a tick: the valve's command, and what is logged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Output {
     /// What the valve's DAC is set to.
@@ -48,7 +80,7 @@ pub struct Output {
     pub mode: Mode,
     /// The fault that is latched, if any.
     pub fault: Option<Fault>,
-    /// P_r: what `valve` stands for, before rounding to counts.
+    /// P_r: `valve` before it is rounded to counts.
     pub pressure_ref: GaugePa<f32>,
     /// F_b \[N\], tared.
     pub finger_force_n: f32,
@@ -58,4 +90,37 @@ pub struct Output {
     pub contraction: f32,
     /// Muscle pressure.
     pub pressure: GaugePa<f32>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Records have these words: a variant may be renamed, its word may not.
+    #[test]
+    fn words_of_requests_are_those_of_records() {
+        let words = [
+            (Request::None, "None"),
+            (Request::Assist, "Assist"),
+            (Request::Hold, "Hold"),
+            (Request::Vent, "Vent"),
+            (Request::Reset, "Reset"),
+            (Request::Play(0), "Play(0)"),
+            (Request::Play(u32::MAX), "Play(4294967295)"),
+        ];
+        for (request, word) in words {
+            assert_eq!(request.to_string(), word);
+            assert_eq!(Request::from_name(word), Some(request));
+        }
+        for word in [
+            "",
+            "assist",
+            "Play",
+            "Play()",
+            "Play(-1)",
+            "Play(4294967296)",
+        ] {
+            assert_eq!(Request::from_name(word), None, "{word}");
+        }
+    }
 }

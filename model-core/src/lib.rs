@@ -1,7 +1,7 @@
 //! The power-assist controller and the algebraic equations of Kagawa, Fujita and Kawashima.
 //!
-//! One crate, the same code on the microcontroller (`f32`) and in the simulator (`f64`): it
-//! allocates nothing, logs nothing, never panics, and knows no hardware.
+//! The same code runs on the microcontroller (`f32`) and in the simulator (`f64`): it does not
+//! allocate, log or panic, and does not depend on hardware.
 //!
 //! One tick, every 10 ms ([`controller::Controller::tick`] is the page to read first):
 //!
@@ -11,9 +11,9 @@
 //!                    └─ assist (Eq 7) ─ reference (Eq 8)
 //! ```
 //!
-//! Arithmetic is plain: + − × ÷, comparisons and conversions, all of which IEEE 754 defines to the
-//! bit, so that a record replays on the PC exactly as it ran on the board. (`max` and `min` leave
-//! open which of +0 and −0 they return: no result depends on that. `tests/cortex-m` compares.)
+//! A record replays on the PC to the bit as it ran on the board: IEEE 754 defines + − × ÷,
+//! comparisons and conversions, and libm, which is the same software on both, does the rest (see
+//! [`number`]). `tests/cortex-m` compares.
 #![cfg_attr(not(test), no_std)]
 #![cfg_attr(
     not(test),
@@ -25,9 +25,12 @@
     )
 )]
 
+pub mod analysis;
 pub mod assist;
+pub mod command;
 pub mod compensation;
 pub mod consistency;
+pub mod constants;
 pub mod controller;
 pub mod device;
 pub mod error;
@@ -35,13 +38,15 @@ pub mod io;
 pub mod limits;
 pub mod link;
 pub mod muscle;
+mod names;
+pub mod number;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
-pub mod safety;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
+pub mod state;
 pub mod store;
 pub mod supervisor;
 pub mod timing;

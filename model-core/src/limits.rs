@@ -1,6 +1,54 @@
-//! Physical limits of every setting: one table that validation, messages and tests read.
+//! Limits, in two tables: those of the supervisor that are the same for every rig, and the physical
+//! limits of every setting, which validation, messages and tests read.
+//!
+//! The supervisor's other limits are settings of a rig (`pressure_trip_pa`, `contraction_trip`, …):
+//! [`SettingsValues`] holds them.
 
 use crate::settings::SettingsValues;
+use crate::signal::COUNT_MAX;
+use core::ops::RangeInclusive;
+
+/// Defines constants; each row has name, value, unit and reason.
+macro_rules! supervisor_limits {
+    ($($name:ident: $type:ty = $value:expr, $unit:literal, $reason:literal;)*) => {
+        $(
+            #[doc = concat!($reason, " Unit: ", $unit, ".")]
+            pub const $name: $type = $value;
+        )*
+    };
+}
+
+supervisor_limits! {
+    // Plausibility of one reading.
+    ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16, "count",
+        "Readings of an ADC with an intact wire: nearer to an end of the scale it is open or shorted.";
+    PRESSURE_PA_MIN: f32 = -2e4, "Pa, gauge",
+        "Lowest plausible pressure: muscle and valve draw no vacuum.";
+    STOP_CONTRACTION: f32 = 0.02, "1",
+        "Contraction within which the weight is on its stop: 6 mm of the paper's muscle.";
+    FLICKER_COUNTS: u32 = 2, "count",
+        "Counts by which an encoder at rest may flicker.";
+    RECOVERY_TICKS: u16 = 10, "tick",
+        "Good ticks that take back a bad one: an intermittent fault is detected too.";
+
+    // Consistency of the sensors with each other and with the reference.
+    FORCE_BALANCE_MEAN_S: f32 = 0.1, "s",
+        "Time over which the force balance is averaged: longer than an oscillation of hose or \
+         encoder, shorter than the weight's on the muscle (a quarter of a second).";
+    OVER_SPEED: f32 = 1.5, "1",
+        "Speed that is a fault, over the reference's: the weight is stopped before it moves twice \
+         as fast, as a weight on a spring does whose rest position begins to move.";
+    OVER_SPEED_TICKS: u8 = 2, "tick",
+        "Ticks in a row of that speed: a jump of the encoder stays in two differences.";
+
+    // Time limits.
+    EMPTIED_TICKS: u16 = 500, "tick",
+        "Time after which a vented valve has emptied a muscle whose pressure sensor has failed.";
+    PLAY_SILENCE_TICKS: u8 = 50, "tick",
+        "Time without a requested pressure after which an experiment ends: half a second.";
+    HIL_SILENCE_TICKS: u8 = 50, "tick",
+        "Time without a message after which hardware in the loop ends: half a second.";
+}
 
 /// The limits of one setting.
 #[derive(Clone, Copy)]
@@ -11,7 +59,7 @@ pub struct Limit {
     pub min: f32,
     /// Largest value.
     pub max: f32,
-    /// Why these.
+    /// The reason for these limits.
     pub source: &'static str,
     /// The value in a set of settings.
     pub value: fn(&SettingsValues) -> f32,

@@ -4,8 +4,8 @@
 //! message ─ postcard ─▶ version │ body │ CRC-32 ─ COBS ─▶ bytes without a zero │ 0
 //! ```
 //!
-//! A zero byte stands between frames and nowhere else: whatever is lost, flipped or repeated, the
-//! next zero begins anew. A frame that does not pass its checksum is dropped whole.
+//! A zero byte separates frames and occurs nowhere else: whatever is lost, flipped or repeated, the
+//! decoder is synchronised at the next zero. A frame that does not pass its checksum is dropped.
 
 use crate::device::Command;
 use crate::io::{Output, Sensors};
@@ -16,53 +16,53 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Version of the messages: it rises with every change of one, settings included, be it a fault
-/// that is added at the end. `hil-sim/tests/link_format.rs` watches.
+/// Version of the messages. It rises with every change of one, settings included, and also with a
+/// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
 pub const VERSION: u8 = 4;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const CHECKSUM_LEN: usize = 4;
-/// The first COBS code before, and the zero behind.
+/// The first COBS code and the terminating zero.
 const OVERHEAD_LEN: usize = 2;
 
 /// From the PC to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ToDevice {
-    /// Asks for [`FromDevice::Identity`].
+    /// Requests [`FromDevice::Identity`].
     Identify,
-    /// Asks for [`FromDevice::Settings`].
+    /// Requests [`FromDevice::Settings`].
     ReadSettings,
     /// Stores settings and restarts with them; refused while armed.
     WriteSettings(SettingsValues),
-    /// What the next tick is to see.
+    /// A command for the next tick.
     Command(Command),
 }
 
 /// From the board to the PC.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum FromDevice {
-    /// After a reset, and when asked for.
+    /// After a reset, and on request.
     Identity(Identity),
     /// The settings in force.
     Settings(SettingsValues),
-    /// What came of [`ToDevice::WriteSettings`].
+    /// Result of [`ToDevice::WriteSettings`].
     Written(Written),
     /// Each tick.
     Telemetry(Telemetry),
 }
 
-/// What came of storing settings.
+/// Result of storing settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Written {
-    /// They are stored: the board restarts.
+    /// The settings are stored: the board restarts.
     Stored,
     /// The muscle is or may be under pressure.
     Armed,
     /// A value is outside its limits or contradicts another.
     Invalid,
-    /// The flash has failed: the board restarts with what it finds there.
+    /// The flash has failed: the board restarts with the newest settings that it can read.
     FlashFailed,
 }
 
@@ -74,22 +74,22 @@ pub enum Source {
     Pins,
     /// Hardware in the loop: the link, with the message's number.
     Link(u32),
-    /// Hardware in the loop, and nothing came: the controller has not ticked.
+    /// Hardware in the loop without a message: the controller has not ticked.
     Silence,
 }
 
-/// One tick: what came in, what went out.
+/// Input, output and timing of one tick.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
     /// Ticks since the reset.
     pub tick: u32,
     /// Where `sensors` came from.
     pub source: Source,
-    /// What the controller read.
+    /// The controller's input.
     pub sensors: Sensors,
-    /// What it decided. With hardware in the loop the valve stays safe nevertheless.
+    /// The controller's output. With hardware in the loop the board's own valve stays vented.
     pub output: Output,
-    /// When the tick came, by the board's clock.
+    /// Timing of the tick, by the board's clock.
     pub timing: Timing,
 }
 
@@ -102,30 +102,30 @@ pub enum Board {
     Stm32f407,
 }
 
-/// What answers, and how it fares.
+/// The board's firmware, hardware and condition.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// The first eight digits of its git commit; 0: unknown.
     pub commit: u32,
-    /// What it runs on.
+    /// The hardware.
     pub board: Board,
-    /// CPU cycles in a second, for [`Timing`].
+    /// CPU cycles per second, for [`Timing`].
     pub cpu_hz: u32,
-    /// Why it was reset last.
+    /// Cause of the last reset.
     pub reset: ResetCause,
-    /// What stopped the firmware before that reset.
+    /// The crash before that reset, if any.
     pub crash: Option<Crash>,
-    /// The fault that was latched before that reset.
+    /// The fault that was latched before that reset, if any.
     pub fault: Option<Fault>,
     /// Where its settings came from.
     pub settings: SettingsSource,
-    /// Stack that was never used \[bytes\].
+    /// Stack that was never used \[byte\].
     pub stack_free_bytes: u16,
-    /// Frames that were dropped as damaged.
+    /// Frames that were dropped because they were damaged.
     pub frames_rejected: u32,
-    /// Messages that were dropped as they came faster than they could be served.
+    /// Messages that were dropped because they came faster than they could be processed.
     pub messages_dropped: u32,
 }
 
@@ -134,56 +134,56 @@ pub struct Identity {
 pub enum SettingsSource {
     /// [`SettingsValues::reference`]: none were stored.
     Reference,
-    /// The same: what is stored is of another version or cannot be read.
+    /// [`SettingsValues::reference`]: the stored ones are of another version or cannot be read.
     ReferenceAsUnreadable,
     /// The flash.
     Stored,
 }
 
-/// Why the microcontroller was reset.
+/// Cause of a reset of the microcontroller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ResetCause {
-    /// Power came, or fell below what the chip can run on.
+    /// Power-on, or a supply voltage below the chip's minimum.
     Power,
     /// The reset button or the programmer.
     Pin,
     /// The firmware itself: new settings, or a crash.
     Software,
-    /// Ticks did not complete.
+    /// The watchdog, because ticks did not complete.
     Watchdog,
     /// None of these.
     Other,
 }
 
-/// What stopped the firmware.
+/// A crash of the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Crash {
-    /// A broken assertion, in the line of the file whose path ends so.
+    /// A panic.
     Panic {
-        /// The line.
+        /// The line of the source file.
         line: u32,
-        /// The last bytes of the file's path.
+        /// The last bytes of the source file's path.
         file_end: [u8; 16],
     },
-    /// The CPU could not go on.
+    /// A hard fault of the CPU.
     HardFault {
-        /// Where.
+        /// Program counter.
         pc: u32,
-        /// Where it was called from.
+        /// Link register: the caller.
         lr: u32,
-        /// The CPU's configurable fault status register, which says why.
+        /// The CPU's configurable fault status register, which tells the cause.
         cfsr: u32,
     },
-    /// The stack ran out of its memory.
+    /// The stack has exceeded its memory.
     StackOverflow {
         /// The stack pointer.
         sp: u32,
     },
-    /// An interrupt that nobody serves.
+    /// An interrupt without a handler: its number.
     Interrupt(i16),
 }
 
-/// What the firmware tells itself across a reset, as a frame of its own.
+/// What the firmware hands over to itself across a reset, as a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// For [`Identity::crash`].
@@ -200,15 +200,15 @@ pub struct TooLong;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected;
 
-/// Writes `message` as a frame into `buffer`; returns the frame, the zero behind it included.
+/// Writes `message` as a frame into `buffer`; returns the frame with its terminating zero.
 ///
 /// # Errors
-/// The message is too long; none of this module's is.
+/// The message is too long. The messages of this module never are.
 pub fn encode<'a, M: Serialize>(
     message: &M,
     buffer: &'a mut [u8; FRAME_LEN_MAX],
 ) -> Result<&'a [u8], TooLong> {
-    // A place for the first COBS code, then the payload.
+    // The first byte is reserved for the first COBS code; the payload follows.
     let (first, payload) = buffer.split_first_mut().ok_or(TooLong)?;
     *first = 0;
     let (version, rest) = payload.split_first_mut().ok_or(TooLong)?;
@@ -240,7 +240,7 @@ fn stuff(frame: &mut [u8]) {
     }
 }
 
-/// Undoes [`stuff`] on a frame without its last zero; none where it was not stuffed so.
+/// Reverses [`stuff`] on a frame without its last zero; none if the frame is not stuffed.
 fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
     let mut distance = 0_u8;
     for byte in frame.iter_mut() {
@@ -303,7 +303,7 @@ impl Decoder {
             return None;
         }
         let len = core::mem::take(&mut self.len);
-        // Zeros may follow each other: an empty frame is nothing.
+        // Repeated zeros are allowed: an empty frame is skipped.
         if len == 0 {
             return None;
         }
@@ -346,7 +346,7 @@ mod tests {
             .to_vec()
     }
 
-    /// Each frame's message, none where a frame was rejected.
+    /// Each frame's message; none for a rejected frame.
     fn received(bytes: &[u8]) -> Vec<Option<ToDevice>> {
         let mut decoder = Decoder::new();
         let pushed = bytes.iter().filter_map(|byte| decoder.push(*byte));

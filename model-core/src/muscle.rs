@@ -2,6 +2,7 @@
 //!
 //! Contraction ε = y/L is a fraction of the initial length, positive when the muscle is shorter.
 
+use crate::number::Number;
 use crate::pressure::GaugePa;
 use num_traits::float::FloatCore;
 
@@ -29,15 +30,15 @@ pub struct Volume<T> {
     pub d3_m3: T,
 }
 
-impl<T: FloatCore> Muscle<T> {
+impl<T: Number> Muscle<T> {
     /// Contraction force F \[N\], Eq 1: F = α(1−ε)²P + βP + γ with P gauge.
     #[inline]
     pub fn force_n(&self, contraction: T, pressure: GaugePa<T>) -> T {
         self.force_per_pressure_m2(contraction) * pressure.0 + self.gamma_n
     }
 
-    /// ∂F/∂P \[m²\] of Eq 1: f_p = α(1−ε)² + β. It falls with ε and reaches zero where the muscle
-    /// can pull no further, whatever the pressure.
+    /// ∂F/∂P \[m²\] of Eq 1: f_p = α(1−ε)² + β. It falls with ε and reaches zero at the contraction
+    /// beyond which no pressure makes the muscle pull.
     #[inline]
     pub fn force_per_pressure_m2(&self, contraction: T) -> T {
         let shortened = T::one() - contraction;
@@ -53,9 +54,9 @@ impl<T: FloatCore> Muscle<T> {
 
     /// Rate of the pressure \[Pa/s\] that moves a weight in balance at `speed_m_per_s`.
     ///
-    /// Where the force stays, Eq 1 has f_p dP = f_c dε: dP/dt = (v/L) f_c/f_p. Below the pressure
-    /// at which the muscle at its full length begins to pull, it moves nothing: that one counts. It
-    /// grows with pressure and contraction, up to where f_p is zero.
+    /// At constant force Eq 1 gives f_p dP = f_c dε: dP/dt = (v/L) f_c/f_p. Pressures below the one
+    /// at which the muscle at its full length begins to pull move nothing and are replaced by it.
+    /// The rate grows with pressure and contraction, up to where f_p is zero.
     #[inline]
     pub fn moving_rate_pa_per_s(
         &self,
@@ -64,7 +65,7 @@ impl<T: FloatCore> Muscle<T> {
         pressure: GaugePa<T>,
     ) -> T {
         let begins_pa = -self.gamma_n / self.force_per_pressure_m2(T::zero());
-        let stiffness_n = self.stiffness_n(contraction, GaugePa(pressure.0.max(begins_pa)));
+        let stiffness_n = self.stiffness_n(contraction, GaugePa(pressure.0.at_least(begins_pa)));
         let slope_pa = stiffness_n / self.force_per_pressure_m2(contraction);
         speed_m_per_s / self.initial_length_m * slope_pa
     }

@@ -1,6 +1,6 @@
-//! Is a reading possible? Range, step and standstill of one sensor, and the last value that was.
+//! Is one sensor's reading plausible? Range, step and standstill, and the last value that was good.
 
-use crate::safety::{SafetyFunction, Switches};
+use crate::limits::RECOVERY_TICKS;
 use serde::{Deserialize, Serialize};
 
 /// What makes a reading implausible.
@@ -14,26 +14,24 @@ pub enum Doubt {
     Stuck,
 }
 
-/// What is thought of a sensor after a tick.
+/// A sensor's status after a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
+pub enum SensorStatus {
     /// The reading is used.
     Good,
     /// The last good value is used, for a few ticks.
     Suspect,
-    /// It was suspect for too long.
+    /// The reading was suspect for too long.
     Failed(Doubt),
 }
 
-/// Good ticks that make up for a bad one.
-const RECOVERY_TICKS: u16 = 10;
-
-/// Counts bad ticks. Good ones in between make up for few: what comes and goes is noticed too.
+/// Counts bad ticks. A good tick takes back a tenth of a bad one, so that an intermittent fault is
+/// detected too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Tally(u16);
 
 impl Tally {
-    /// One more tick.
+    /// Counts one more tick.
     pub fn add(&mut self, bad: bool, limit: u8) {
         self.0 = if bad {
             self.0.saturating_add(RECOVERY_TICKS).min(full(limit))
@@ -42,12 +40,13 @@ impl Tally {
         };
     }
 
-    /// True where no bad tick is left.
+    /// True if good ticks have taken back every bad one.
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// True from the `limit`th bad tick, with good ones in between a later one, to the next good.
+    /// True from the `limit`th bad tick (a later one with good ticks in between) to the next good
+    /// tick.
     pub fn is_full(self, limit: u8) -> bool {
         self.0 >= full(limit)
     }
@@ -57,9 +56,9 @@ fn full(limit: u8) -> u16 {
     u16::from(limit).saturating_mul(RECOVERY_TICKS)
 }
 
-/// One sensor's recent past.
+/// Monitors one sensor: its last good value, and how plausible its readings were lately.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Watch {
+pub struct SensorMonitor {
     /// The last good value.
     value: f32,
     /// The last reading's counts, and how often in a row it was the same.
@@ -67,18 +66,18 @@ pub struct Watch {
     same_ticks: u16,
     /// Ticks without a reading within its range, up to now.
     blind_ticks: f32,
-    /// Readings that were not plausible.
+    /// Implausible readings.
     suspects: Tally,
-    /// A first reading has come.
+    /// There was a first reading.
     begun: bool,
 }
 
-/// What a sensor is judged by.
+/// Bounds within which one reading is plausible.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
-    /// The reading is at an end of its scale, or physics ends before it.
+    /// The reading is at an end of its scale, or beyond physics.
     pub out_of_range: bool,
-    /// The reading stands still although it must not.
+    /// The reading stands still although what it measures must have moved.
     pub at_standstill: bool,
     /// Largest plausible change in one tick.
     pub step_max: f32,
@@ -88,24 +87,23 @@ pub(crate) struct Bounds {
     pub suspect_ticks: u8,
     /// Ticks since the last reading.
     pub ticks: f32,
-    /// What is looked at.
-    pub switches: Switches,
 }
 
 impl Bounds {
-    /// What is wrong with a reading that is `step` away from the last good one, `blind_ticks` and
-    /// one ago, and the same for the `same_ticks`th time.
+    /// What is implausible about a reading that differs by `step` from the last good one, after
+    /// `blind_ticks` out of range, and that is equal to the one before for the `same_ticks`th time.
     fn doubt(&self, step: f32, blind_ticks: f32, same_ticks: u16) -> Option<Doubt> {
-        let looked_at = |function| self.switches.on(function);
-        // What was not seen may have moved on; what was seen elsewhere has not come there.
+        // While the reading was out of range the quantity may have moved on. A reading that was
+        // within range but rejected does not widen the bound: the quantity was not there.
         let step_max = self.step_max * (self.ticks + blind_ticks);
         let stuck = self.stuck_ticks > 0 && same_ticks >= self.stuck_ticks;
-        if self.out_of_range && looked_at(SafetyFunction::SensorRange) {
+        // A step that is NaN is not within the bound either.
+        let within_step = libm::fabsf(step) <= step_max;
+        if self.out_of_range {
             Some(Doubt::Range)
-        } else if !(step <= step_max && step >= -step_max) && looked_at(SafetyFunction::SensorStep)
-        {
+        } else if !within_step {
             Some(Doubt::Step)
-        } else if (self.at_standstill || stuck) && looked_at(SafetyFunction::SensorStuck) {
+        } else if self.at_standstill || stuck {
             Some(Doubt::Stuck)
         } else {
             None
@@ -113,39 +111,44 @@ impl Bounds {
     }
 }
 
-impl Watch {
+impl SensorMonitor {
     /// The last good value.
     pub fn value(&self) -> f32 {
         self.value
     }
 
-    /// The past with one more reading, and what is thought of the sensor.
-    pub(crate) fn next(self, counts: u32, value: f32, bounds: &Bounds) -> (Watch, Verdict) {
-        let mut watch = self;
+    /// The monitor after one more reading, and the sensor's status.
+    pub(crate) fn next(
+        self,
+        counts: u32,
+        value: f32,
+        bounds: &Bounds,
+    ) -> (SensorMonitor, SensorStatus) {
+        let mut monitor = self;
         let same = self.begun && self.counts == counts;
-        watch.same_ticks = if same {
+        monitor.same_ticks = if same {
             self.same_ticks.saturating_add(1)
         } else {
             0
         };
-        watch.counts = counts;
-        watch.begun = true;
+        monitor.counts = counts;
+        monitor.begun = true;
         let step = if self.begun { value - self.value } else { 0.0 };
-        let doubt = bounds.doubt(step, self.blind_ticks, watch.same_ticks);
-        watch.blind_ticks = if doubt == Some(Doubt::Range) {
+        let doubt = bounds.doubt(step, self.blind_ticks, monitor.same_ticks);
+        monitor.blind_ticks = if doubt == Some(Doubt::Range) {
             self.blind_ticks + bounds.ticks
         } else {
             0.0
         };
-        watch.suspects.add(doubt.is_some(), bounds.suspect_ticks);
+        monitor.suspects.add(doubt.is_some(), bounds.suspect_ticks);
         let Some(doubt) = doubt else {
-            watch.value = value;
-            return (watch, Verdict::Good);
+            monitor.value = value;
+            return (monitor, SensorStatus::Good);
         };
-        if watch.suspects.is_full(bounds.suspect_ticks) {
-            (watch, Verdict::Failed(doubt))
+        if monitor.suspects.is_full(bounds.suspect_ticks) {
+            (monitor, SensorStatus::Failed(doubt))
         } else {
-            (watch, Verdict::Suspect)
+            (monitor, SensorStatus::Suspect)
         }
     }
 }

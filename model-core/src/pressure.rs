@@ -1,7 +1,7 @@
 //! Gauge and absolute pressure, as two types that do not mix.
 //!
-//! Force, reference pressure and sensors speak gauge pressure; the ideal-gas law speaks absolute
-//! pressure. Crossing over takes the atmospheric pressure, in one of the two methods here.
+//! Force, reference pressure and sensors are in gauge pressure, the ideal-gas law is in absolute
+//! pressure. The two methods here convert with the atmospheric pressure.
 
 use num_traits::float::FloatCore;
 

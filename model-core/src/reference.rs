@@ -1,8 +1,8 @@
 //! The reference pressure (Eq 8), limited.
 
 use crate::muscle::Muscle;
+use crate::number::Number;
 use crate::pressure::GaugePa;
-use num_traits::float::FloatCore;
 
 /// Reference pressure P_r (gauge), Eq 8: P_r = (F_c − γ)/(α(1−ε)² + β), limited to 0…`supply`.
 ///
@@ -11,7 +11,7 @@ use num_traits::float::FloatCore;
 /// past the singularity) gives zero, the vented muscle; an infinite force gives the limit on its
 /// side.
 #[inline]
-pub fn reference_pressure<T: FloatCore>(
+pub fn reference_pressure<T: Number>(
     muscle: &Muscle<T>,
     reference_force_n: T,
     contraction: T,
@@ -21,12 +21,12 @@ pub fn reference_pressure<T: FloatCore>(
     if contraction.is_nan() || reference_force_n.is_nan() {
         return GaugePa(T::zero());
     }
-    let limited = contraction.min(contraction_max).max(T::zero());
+    let limited = contraction.at_most(contraction_max).at_least(T::zero());
     let area_m2 = muscle.force_per_pressure_m2(limited);
     let pressure_pa = (reference_force_n - muscle.gamma_n) / area_m2;
-    // No limit below zero, and none of two zeros, of which machines differ in the sign.
+    // A limit below zero is none.
     if area_m2 > T::zero() && pressure_pa > T::zero() && supply.0 > T::zero() {
-        GaugePa(pressure_pa.min(supply.0))
+        GaugePa(pressure_pa.at_most(supply.0))
     } else {
         GaugePa(T::zero())
     }

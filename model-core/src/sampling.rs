@@ -38,9 +38,9 @@ mod tests {
     proptest! {
         #[test]
         fn mean_lies_among_the_samples(scan: [u16; SCAN_LEN], input in 0_usize..INPUTS) {
-            let of_input = || scan.iter().skip(input).step_by(INPUTS).copied();
+            let samples = || scan.iter().skip(input).step_by(INPUTS).copied();
             let AdcCount(mean) = mean(&scan, input);
-            prop_assert!(of_input().min() <= Some(mean) && Some(mean) <= of_input().max());
+            prop_assert!(samples().min() <= Some(mean) && Some(mean) <= samples().max());
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The controller's settings: one struct that is valid once it exists.
 
 use crate::compensation::Compensation;
+use crate::constants::GRAVITY_M_PER_S2;
 use crate::error::SettingsError;
 use crate::limits::LIMITS;
 use crate::muscle::Muscle;
@@ -13,23 +14,18 @@ use serde::{Deserialize, Serialize};
 pub const VERSION: u16 = 3;
 /// A buffer of this size holds any encoded settings.
 pub const ENCODED_LEN_MAX: usize = 256;
-/// Period of the tick \[s\], the paper's sampling time.
-pub const TICK_S: f32 = 0.01;
 
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const VERSION_LEN: usize = 2;
 const CHECKSUM_LEN: usize = 4;
 
-/// The weight on its stop is within this of ε = 0: 6 mm of the paper's muscle.
-pub const STOP_CONTRACTION: f32 = 0.02;
-
-/// Finer is no muscle's encoder: whatever moves would seem to stand \[m\].
+/// Finest encoder that is accepted \[m\]: with a finer one noise would look like motion.
 const ENCODER_M_PER_COUNT_MIN: f32 = 1e-7;
 
 /// Whether it holds, the setting it is about, and what that must be.
 type Relation = (bool, &'static str, &'static str);
 
-/// The values, not yet checked.
+/// The values, not yet validated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SettingsValues {
     /// Eq 1.
@@ -48,33 +44,33 @@ pub struct SettingsValues {
 
     /// P_s, gauge \[Pa\].
     pub supply_pressure_pa: f32,
-    /// Highest pressure that is asked for, gauge \[Pa\].
+    /// Highest reference pressure, gauge \[Pa\].
     pub pressure_pa_max: f32,
     /// Measured pressure that is a fault, gauge \[Pa\].
     pub pressure_trip_pa: f32,
     /// The reference pressure moves no faster than a weight in balance moves at this speed \[m/s\].
     pub reference_speed_m_per_s_max: f32,
-    /// Time constant of the slowest valve that will do, on the muscle at its largest \[s\].
+    /// Time constant of the slowest acceptable valve, on the muscle at its largest volume \[s\].
     pub pressure_lag_s: f32,
-    /// How far the pressure may be from where reference and valve have it \[Pa\].
+    /// Largest difference of the pressure from the range that reference and valve allow \[Pa\].
     pub pressure_error_pa_max: f32,
     /// Fastest change of the reference until it has met the assist law \[Pa/s\].
     pub engage_rate_pa_per_s: f32,
-    /// Highest pressure that an experiment over the link may ask for, gauge \[Pa\]; 0: none.
+    /// Highest pressure that an experiment over the link may request, gauge \[Pa\]; 0: none.
     pub play_pressure_pa_max: f32,
-    /// How fast the reference falls when venting \[Pa/s\].
+    /// Rate at which the reference falls while venting \[Pa/s\].
     pub vent_rate_pa_per_s: f32,
     /// Below this the muscle counts as vented, gauge \[Pa\].
     pub vented_pa: f32,
 
-    /// Contraction beyond which the pressure may not rise, and which Eq 8 is computed at \[-\].
+    /// Contraction beyond which the pressure may not rise; Eq 8 is computed at most there \[-\].
     pub contraction_max: f32,
     /// Contraction that is a fault \[-\].
     pub contraction_trip: f32,
     /// Finger force beyond which F_c grows no further \[N\].
     pub finger_force_n_max: f32,
 
-    /// Largest force that the self-check takes for the bridge's zero \[N\].
+    /// Largest force that the self-check accepts as the bridge's zero \[N\].
     pub tare_n_max: f32,
     /// Largest change of the finger force in a tick \[N\].
     pub bridge_step_n_max: f32,
@@ -86,7 +82,7 @@ pub struct SettingsValues {
     pub encoder_stuck_pa: f32,
     /// M: the weight on the muscle \[kg\].
     pub load_kg: f32,
-    /// How far the muscle's force may be from the weight's, acceleration included \[N\].
+    /// Largest residual of the force balance, acceleration included \[N\].
     pub force_error_n_max: f32,
     /// So many equal readings of an ADC in a row are a fault; 0: never.
     pub stuck_ticks: u16,
@@ -98,14 +94,14 @@ pub struct SettingsValues {
     pub self_check_ticks: u16,
     /// The self-check gives up after so many ticks.
     pub self_check_ticks_max: u16,
-    /// Of what the rig does beside the paper's equations.
+    /// Compensation of effects that the paper's equations leave out.
     pub compensation: Compensation,
 }
 
 impl SettingsValues {
     /// The paper's rig with the electronics of docs/theory.md.
     ///
-    /// docs/safety.md derives what is about safety. `encoder_stuck_pa`: static friction of 7 N both
+    /// docs/safety.md derives the values that concern safety. `encoder_stuck_pa`: static friction of 7 N both
     /// ways over ∂F/∂P ≥ 3.0e-4 m² (at `contraction_trip`) is 46 kPa.
     pub const fn reference() -> SettingsValues {
         SettingsValues {
@@ -162,7 +158,7 @@ impl SettingsValues {
         }
     }
 
-    /// What the limits of the loop must be to each other.
+    /// Relations that the limits of the loop must satisfy.
     fn loop_relations(&self) -> [Relation; 9] {
         let at_max_m2 = self.muscle.force_per_pressure_m2(self.contraction_max);
         [
@@ -198,15 +194,15 @@ impl SettingsValues {
                 "below pressure_pa_max",
             ),
             (
-                // Else no pressure that may be asked for is too far away.
+                // Otherwise no error of the pressure could be detected.
                 self.pressure_error_pa_max < self.pressure_pa_max,
                 "pressure_error_pa_max",
                 "below pressure_pa_max",
             ),
             (
-                // Else a muscle whose encoder stands still pulls as it may, unnoticed.
+                // Otherwise a muscle whose encoder is stuck could pull with any force undetected.
                 self.muscle.force_n(0.0, GaugePa(self.pressure_pa_max))
-                    > self.load_kg * 9.80665 + self.force_error_n_max,
+                    > self.load_kg * GRAVITY_M_PER_S2 as f32 + self.force_error_n_max,
                 "force_error_n_max",
                 "such that the muscle can exceed it above the weight",
             ),
@@ -218,7 +214,7 @@ impl SettingsValues {
         ]
     }
 
-    /// What the instruments must be able to tell and to set.
+    /// Relations that the instruments' scales must satisfy.
     fn instrument_relations(&self) -> [Relation; 7] {
         let drive = &self.valve_drive;
         let bridge_ends_n = self.bridge.ends();
@@ -242,7 +238,7 @@ impl SettingsValues {
                 "such that the scale holds finger_force_n_max and tare_n_max, either way",
             ),
             (
-                // Else no step is too large.
+                // Otherwise no step could be detected.
                 self.bridge_step_n_max < 2.0 * self.finger_force_n_max,
                 "bridge_step_n_max",
                 "below twice finger_force_n_max",
@@ -266,12 +262,12 @@ impl SettingsValues {
     }
 }
 
-/// Settings that have passed every check.
+/// Settings that have passed validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings(SettingsValues);
 
 impl Settings {
-    /// Checks `values`.
+    /// Validates `values`.
     ///
     /// # Errors
     /// The first value that is outside its limits or contradicts another.
@@ -286,11 +282,11 @@ impl Settings {
                 });
             }
         }
-        let of_loop = values.loop_relations();
-        let of_instruments = values.instrument_relations();
-        match of_loop
+        let loop_relations = values.loop_relations();
+        let instrument_relations = values.instrument_relations();
+        match loop_relations
             .iter()
-            .chain(&of_instruments)
+            .chain(&instrument_relations)
             .find(|(holds, ..)| !holds)
         {
             Some((_, name, must)) => Err(SettingsError::Contradiction { name, must }),
@@ -303,12 +299,7 @@ impl Settings {
         &self.0
     }
 
-    /// The highest pressure that may be asked for.
-    pub fn pressure_max(&self) -> GaugePa<f32> {
-        GaugePa(self.0.pressure_pa_max)
-    }
-
-    /// Writes version, values (postcard) and CRC-32 into `buffer`; returns what was written.
+    /// Writes version, values (postcard) and CRC-32 into `buffer`; returns the bytes written.
     ///
     /// # Errors
     /// The buffer is too short; [`ENCODED_LEN_MAX`] is enough.
@@ -331,10 +322,10 @@ impl Settings {
             .ok_or(SettingsError::Length)
     }
 
-    /// Reads what [`Settings::encode`] wrote.
+    /// Reads settings that [`Settings::encode`] has written.
     ///
     /// # Errors
-    /// Damaged bytes, another version, or values that do not pass.
+    /// The bytes are damaged or of another version, or the values do not pass validation.
     pub fn decode(bytes: &[u8]) -> Result<Settings, SettingsError> {
         let (covered, checksum) = bytes
             .split_last_chunk::<CHECKSUM_LEN>()
@@ -352,30 +343,6 @@ impl Settings {
         match postcard::take_from_bytes(payload) {
             Ok((values, [])) => Settings::new(values),
             _ => Err(SettingsError::Length),
-        }
-    }
-}
-
-#[cfg(feature = "fault-injection")]
-impl Settings {
-    /// Flips a bit of one of its values, valid or not; `bit` is reduced to those that are there.
-    pub fn flip(&mut self, bit: usize) {
-        let values = &mut self.0;
-        let floats = [
-            &mut values.gain,
-            &mut values.pressure_pa_max,
-            &mut values.muscle.alpha_m2,
-            &mut values.bridge.per_count,
-            &mut values.encoder_m_per_count,
-            &mut values.valve_drive.pa_per_v,
-            &mut values.vent_rate_pa_per_s,
-            &mut values.reference_speed_m_per_s_max,
-        ];
-        let number = bit / 32 % floats.len();
-        for (place, value) in floats.into_iter().enumerate() {
-            if place == number {
-                *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
-            }
         }
     }
 }

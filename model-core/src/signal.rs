@@ -1,17 +1,15 @@
 //! Counts of the converters and what they mean, both ways.
 //!
-//! Newtypes stand at the electrical edge only; inside, quantities are SI numbers. The way from
-//! physics to counts serves the simulator and hardware in the loop.
+//! Newtypes are used at the electrical interface only; inside, quantities are SI numbers. The
+//! simulator and hardware in the loop use the conversion from quantities to counts.
 
+use crate::limits::ADC_VALID;
+use crate::number::Number;
 use crate::pressure::GaugePa;
-use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 /// Full scale of the 12-bit converters.
 pub const COUNT_MAX: u16 = 4095;
-
-/// Readings of a wire that is whole; nearer to an end of the scale it is open or shorted.
-pub const ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16;
 
 /// A reading of the 12-bit ADC.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,7 +20,7 @@ pub struct AdcCount(pub u16);
 pub struct EncoderCount(pub u32);
 
 impl EncoderCount {
-    /// Counts from `home` to here, right across the wrap.
+    /// Counts from `home` to here, across the wrap too.
     pub fn since(self, home: EncoderCount) -> i32 {
         self.0.wrapping_sub(home.0) as i32
     }
@@ -46,8 +44,8 @@ impl DacCount {
 
 /// The nearest count on a 12-bit scale; 0 for NaN.
 fn nearest(count: f32) -> u16 {
-    // `as` cuts off, and takes NaN to 0.
-    (count.clamp(0.0, COUNT_MAX as f32) + 0.5) as u16
+    // Both bounds take the number of a number and a NaN; `at_least` is first, so that NaN is 0.
+    libm::roundf(count.at_least(0.0).at_most(COUNT_MAX as f32)) as u16
 }
 
 /// A straight line between an ADC's counts and a quantity.
@@ -65,11 +63,11 @@ impl AdcScale {
         (count.0 as f32 - self.zero_count) * self.per_count
     }
 
-    /// The lowest and the highest quantity that a whole wire can tell.
+    /// The lowest and the highest quantity that can be read with an intact wire.
     pub fn ends(&self) -> (f32, f32) {
         let first = self.value(AdcCount(*ADC_VALID.start()));
         let last = self.value(AdcCount(*ADC_VALID.end()));
-        (first.min(last), first.max(last))
+        (first.at_most(last), first.at_least(last))
     }
 
     /// The count nearest to `value`, limited to the scale's ends.
@@ -95,7 +93,7 @@ impl ValveDrive {
         self.pa_per_v * self.amplifier_gain * self.dac_full_scale_v / COUNT_MAX as f32
     }
 
-    /// Voltage at the valve's input that asks for `pressure` \[V\].
+    /// Voltage at the valve's input for `pressure` \[V\].
     pub fn valve_v(&self, pressure: GaugePa<f32>) -> f32 {
         pressure.0 / self.pa_per_v
     }
@@ -106,7 +104,7 @@ impl ValveDrive {
         DacCount(nearest(dac_v / self.dac_full_scale_v * COUNT_MAX as f32))
     }
 
-    /// The pressure that a DAC count asks for.
+    /// The pressure that a DAC count stands for.
     pub fn pressure(&self, count: DacCount) -> GaugePa<f32> {
         GaugePa(count.0 as f32 * self.pa_per_count())
     }

@@ -1,10 +1,9 @@
-//! Where settings lie in flash, so that a power cut at any moment leaves the old or the new ones.
+//! Layout of settings in flash: a power cut at any moment leaves the old or the new ones.
 //!
 //! Two sectors are divided into slots. Each write goes to the next empty slot, with a number one
-//! higher; when a sector is full, the other one is erased and goes on. The valid slot of the
-//! highest number counts, wherever it lies. So nothing depends on what a cut leaves behind, in a
-//! slot or in a sector: it is not valid, or its number is lower, and the newest settings are never
-//! erased.
+//! higher. When a sector is full, the other one is erased and used. The valid slot of the highest
+//! number holds the settings, wherever it is. What a power cut leaves in a slot or in a sector is
+//! either not valid or has a lower number, and the newest settings are never erased.
 //!
 //! ```text
 //! slot: mark │ length u16 │ number u32 │ settings as encoded │ CRC-32 of all that │ 0xFF …
@@ -35,7 +34,7 @@ struct Found<'a> {
     encoded: &'a [u8],
 }
 
-/// What is to be done to the flash, in this order.
+/// Operations on the flash, in this order: erase, program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Write {
     /// The sector, 0 or 1.
@@ -59,17 +58,17 @@ impl Write {
 /// The settings in the two `sectors`; none if none were ever stored.
 ///
 /// # Errors
-/// The newest ones are of another version or are not valid any more.
+/// The newest settings are of another version or no longer valid.
 pub fn load(sectors: [&[u8]; 2]) -> Result<Option<Settings>, SettingsError> {
     newest(sectors)
         .map(|found| Settings::decode(found.encoded))
         .transpose()
 }
 
-/// How `settings` are to be added to the two `sectors`.
+/// The operations that add `settings` to the two `sectors`.
 ///
 /// # Errors
-/// None that can happen: settings fit into a slot.
+/// None in practice: settings fit into a slot.
 pub fn store(sectors: [&[u8]; 2], settings: &Settings) -> Result<Write, SettingsError> {
     let newest = newest(sectors);
     let (sector, from) = newest.map_or((0, 0), |found| (found.sector, found.slot + 1));
@@ -114,14 +113,14 @@ fn fill(slot: &mut [u8], number: u32, settings: &Settings) -> Result<usize, Sett
 
 /// The valid slot of the highest number.
 fn newest<'a>(sectors: [&'a [u8]; 2]) -> Option<Found<'a>> {
-    let of_sector = |(sector, content): (usize, &'a [u8])| {
+    let valid_slots = |(sector, content): (usize, &'a [u8])| {
         let slots = content.chunks_exact(SLOT_LEN).enumerate();
         slots.filter_map(move |(slot, bytes)| valid(bytes).map(|v| (sector, slot, v)))
     };
     sectors
         .into_iter()
         .enumerate()
-        .flat_map(of_sector)
+        .flat_map(valid_slots)
         .map(|(sector, slot, (number, encoded))| Found {
             number,
             sector,
@@ -208,7 +207,7 @@ mod tests {
             let write = planned(&flash, &settings(gain));
             program(&mut flash, &write, usize::MAX);
         }
-        // The second one, as a firmware of tomorrow would have written it.
+        // The second one, as a later firmware would have written it.
         let slot = &mut flash[0][SLOT_LEN..];
         slot[HEADER_LEN] += 1;
         let end = HEADER_LEN + usize::from(u16::from_le_bytes([slot[2], slot[3]]));
@@ -221,7 +220,7 @@ mod tests {
         assert_eq!(read, Err(SettingsError::Version(other)));
     }
 
-    /// What a cut leaves of a cell.
+    /// What a power cut leaves of a cell.
     fn torn(old: u8, new: u8, progress: u8, chance: u8, bits: u8) -> u8 {
         match chance % 4 {
             0 => old & !bits | new & bits,

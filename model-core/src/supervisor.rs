@@ -1,4 +1,5 @@
-//! Modes, and what leads from one to another.
+//! The supervisor: the modes, the faults, and which findings lead from one mode to another. Its
+//! limits are in [`crate::limits`] and in the settings.
 //!
 //! ```text
 //! SelfCheck ──passed──▶ Ready ──Assist──▶ Assisting ◀──Assist / reading good again── Holding
@@ -8,28 +9,27 @@
 //! ```
 //!
 //! Ready ──Play──▶ Playing ──Vent, silence or any fault──▶ Venting: an experiment's pressures,
-//! where the settings allow them. Nobody has to hold a lever for it, so it ends when nobody asks
-//! any more.
+//! if the settings allow them. An experiment needs no hand on the lever, so it ends as soon as the
+//! requests for pressure stop.
 //!
-//! A fault is latched with its reason until it is reset, also while venting on request; the first
-//! one counts. Venting lowers the reference at a limited rate: the weight is let down, not dropped.
+//! A fault is latched with its reason until it is reset, also while venting on request. Of several
+//! faults the first one is latched. Venting lowers the reference at a limited rate, so that the
+//! weight is let down and not dropped.
 
 use crate::io::Request;
-use crate::plausibility::{Doubt, Verdict};
-use crate::safety::{SafetyFunction, Switches};
+use crate::limits::PLAY_SILENCE_TICKS;
+use crate::names::names;
+use crate::plausibility::{Doubt, SensorStatus};
 use crate::settings::SettingsValues;
 use serde::{Deserialize, Serialize};
-
-/// An experiment ends after so many ticks in which no pressure was asked for: half a second.
-pub const PLAY_SILENCE_TICKS: u8 = 50;
 
 /// What the controller does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
-    /// Vented, watching the sensors, taking their zeros.
+    /// Vented: checks the sensors and takes their zeros.
     #[default]
     SelfCheck,
-    /// Vented, waiting to be asked.
+    /// Vented, waits for a request.
     Ready,
     /// The muscle carries K times the finger's force.
     Assisting,
@@ -37,18 +37,18 @@ pub enum Mode {
     Holding,
     /// The pressure reference falls to zero and stays there.
     Venting,
-    /// The pressure reference follows what is asked for: an experiment.
+    /// The pressure reference follows the requested pressures: an experiment.
     Playing,
 }
 
 /// Why the controller vents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Fault {
-    /// The strain-gauge bridge is not to be believed.
+    /// The strain-gauge bridge has failed.
     Bridge(Doubt),
-    /// The pressure sensor is not to be believed.
+    /// The pressure sensor has failed.
     Pressure(Doubt),
-    /// The encoder is not to be believed.
+    /// The encoder has failed.
     Encoder(Doubt),
     /// The pressure is above its trip level.
     OverPressure,
@@ -62,107 +62,143 @@ pub enum Fault {
     NotVented,
     /// At start, the muscle was moving.
     NotStill,
-    /// The muscle had pressure, or lifted, before it was asked to.
+    /// The muscle had pressure, or lifted, without a request.
     Uncommanded,
     /// The pressure does not follow its reference: valve, supply, hose, or pressure sensor.
     PressureControl,
-    /// Pressure, contraction and weight do not fit: a sensor, the load, or the muscle.
+    /// Pressure, contraction and weight are not in balance: a sensor, the load, or the muscle.
     ForceBalance,
-    /// The weight is faster than the reference ever is.
+    /// The weight is faster than the reference may move it.
     OverSpeed,
     /// The controller's memory has changed by itself.
     Memory,
 }
 
-/// What a tick has found out, before anything is decided.
+names! { Mode:
+    "SelfCheck" = Mode::SelfCheck;
+    "Ready" = Mode::Ready;
+    "Assisting" = Mode::Assisting;
+    "Holding" = Mode::Holding;
+    "Venting" = Mode::Venting;
+    "Playing" = Mode::Playing;
+}
+
+names! { Fault:
+    "Bridge(Range)" = Fault::Bridge, Doubt::Range;
+    "Bridge(Step)" = Fault::Bridge, Doubt::Step;
+    "Bridge(Stuck)" = Fault::Bridge, Doubt::Stuck;
+    "Pressure(Range)" = Fault::Pressure, Doubt::Range;
+    "Pressure(Step)" = Fault::Pressure, Doubt::Step;
+    "Pressure(Stuck)" = Fault::Pressure, Doubt::Stuck;
+    "Encoder(Range)" = Fault::Encoder, Doubt::Range;
+    "Encoder(Step)" = Fault::Encoder, Doubt::Step;
+    "Encoder(Stuck)" = Fault::Encoder, Doubt::Stuck;
+    "OverPressure" = Fault::OverPressure;
+    "OverContraction" = Fault::OverContraction;
+    "MissedTicks" = Fault::MissedTicks;
+    "LoadedLever" = Fault::LoadedLever;
+    "NotVented" = Fault::NotVented;
+    "NotStill" = Fault::NotStill;
+    "Uncommanded" = Fault::Uncommanded;
+    "PressureControl" = Fault::PressureControl;
+    "ForceBalance" = Fault::ForceBalance;
+    "OverSpeed" = Fault::OverSpeed;
+    "Memory" = Fault::Memory;
+}
+
+/// What the analysis of a tick's sensors has found: all that [`decide`] needs.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Findings {
-    pub bridge: Verdict,
-    pub pressure: Verdict,
-    pub encoder: Verdict,
-    pub pressure_pa: f32,
+pub struct Findings {
+    /// Status of the strain-gauge bridge.
+    pub bridge: SensorStatus,
+    /// Status of the pressure sensor.
+    pub pressure: SensorStatus,
+    /// Status of the encoder.
+    pub encoder: SensorStatus,
+    /// ε \[-\], from home.
     pub contraction: f32,
-    pub missed_ticks: u8,
+    /// The request of the person or the link.
     pub request: Request,
-    /// The reference is at zero, and the pressure is too or cannot be known.
+    /// The reference is at zero, and so is the pressure, unless its sensor has failed: then the
+    /// reference has been at zero for long enough.
     pub vented: bool,
     /// What disturbs the self-check, or the rest after it.
     pub unready: Option<Fault>,
-    /// The rest was disturbed for too long.
-    pub uncommanded: bool,
-    /// Ticks in this mode, and good ones in a row of the self-check.
+    /// Ticks in this mode.
     pub mode_ticks: u16,
+    /// Undisturbed ticks of the self-check in a row.
     pub window_ticks: u16,
-    /// Ticks since an experiment's pressure was asked for.
+    /// Ticks since an experiment's pressure was last requested.
     pub silent_ticks: u8,
-    /// Holding only because a reading was suspect.
-    pub bridging: bool,
+    /// The controller holds only until a suspect reading is good again.
+    pub awaits_reading: bool,
     /// A fault is latched.
     pub latched: bool,
-    /// The pressure is not where reference and valve have it.
-    pub pressure_astray: bool,
-    /// The forces are not in balance.
-    pub force_astray: bool,
-    /// The weight was too fast.
-    pub too_fast: bool,
     /// A bit of the memory had flipped.
     pub memory_damaged: bool,
-    /// What is looked at.
-    pub switches: Switches,
+    /// The pressure is above its trip level.
+    pub over_pressure: bool,
+    /// The contraction is above its trip level.
+    pub over_contraction: bool,
+    /// More ticks were missed than the settings allow.
+    pub ticks_missed: bool,
+    /// The rest was disturbed for too long.
+    pub uncommanded: bool,
+    /// The pressure does not follow its reference.
+    pub pressure_astray: bool,
+    /// The weight was too fast.
+    pub too_fast: bool,
+    /// The forces are not in balance.
+    pub force_astray: bool,
 }
 
-/// What is decided about the mode.
+/// What the supervisor decides about the mode.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Decision {
+pub enum Decision {
+    /// The mode stays.
     Stay,
+    /// Another mode begins.
     Go(Mode),
     /// Hold until a suspect reading is good again or has failed.
-    Bridge,
+    AwaitReading,
+    /// Latch the fault and vent.
     Fail(Fault),
 }
 
 impl Findings {
-    fn fault(&self, values: &SettingsValues) -> Option<Fault> {
-        let looked_at = |function| self.switches.on(function);
+    /// The fault to be latched; the first in this order if there are several.
+    fn fault(&self) -> Option<Fault> {
         if self.memory_damaged {
             return Some(Fault::Memory);
         }
         match (self.bridge, self.pressure, self.encoder) {
-            (Verdict::Failed(doubt), ..) => return Some(Fault::Bridge(doubt)),
-            (_, Verdict::Failed(doubt), _) => return Some(Fault::Pressure(doubt)),
-            (.., Verdict::Failed(doubt)) => return Some(Fault::Encoder(doubt)),
+            (SensorStatus::Failed(doubt), ..) => return Some(Fault::Bridge(doubt)),
+            (_, SensorStatus::Failed(doubt), _) => return Some(Fault::Pressure(doubt)),
+            (.., SensorStatus::Failed(doubt)) => return Some(Fault::Encoder(doubt)),
             _ => {}
         }
-        let over_pressure = self.pressure_pa > values.pressure_trip_pa;
-        let over_contraction = self.contraction > values.contraction_trip;
-        let missed_ticks = self.missed_ticks > values.missed_ticks_max;
-        if over_pressure && looked_at(SafetyFunction::PressureWatch) {
-            Some(Fault::OverPressure)
-        } else if over_contraction && looked_at(SafetyFunction::WeightWatch) {
-            Some(Fault::OverContraction)
-        } else if missed_ticks && looked_at(SafetyFunction::MissedTicks) {
-            Some(Fault::MissedTicks)
-        } else if self.uncommanded && looked_at(SafetyFunction::RestWatch) {
-            Some(Fault::Uncommanded)
-        } else if self.pressure_astray && looked_at(SafetyFunction::PressureWatch) {
-            Some(Fault::PressureControl)
-        } else if self.too_fast && looked_at(SafetyFunction::SpeedTrip) {
-            Some(Fault::OverSpeed)
-        } else if self.force_astray && looked_at(SafetyFunction::WeightWatch) {
-            Some(Fault::ForceBalance)
-        } else {
-            None
-        }
+        let faults = [
+            (self.over_pressure, Fault::OverPressure),
+            (self.over_contraction, Fault::OverContraction),
+            (self.ticks_missed, Fault::MissedTicks),
+            (self.uncommanded, Fault::Uncommanded),
+            (self.pressure_astray, Fault::PressureControl),
+            (self.too_fast, Fault::OverSpeed),
+            (self.force_astray, Fault::ForceBalance),
+        ];
+        faults
+            .into_iter()
+            .find_map(|(is_found, fault)| is_found.then_some(fault))
     }
 
     fn suspect(&self) -> bool {
-        [self.bridge, self.pressure, self.encoder].contains(&Verdict::Suspect)
+        [self.bridge, self.pressure, self.encoder].contains(&SensorStatus::Suspect)
     }
 }
 
 /// What follows from `findings` in `mode`.
-pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
-    if let Some(fault) = findings.fault(values)
+pub fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
+    if let Some(fault) = findings.fault()
         && !findings.latched
     {
         return Decision::Fail(fault);
@@ -178,16 +214,10 @@ pub(crate) fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -
     }
 }
 
-/// Passes after an undisturbed window; gives up, naming what disturbs, when it takes too long.
+/// Passes after an undisturbed window. If that takes too long, the fault names the disturbance.
 fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
-    let checks = findings.switches.on(SafetyFunction::SelfCheck);
-    let (unready, good_ticks) = if checks {
-        (findings.unready, findings.window_ticks)
-    } else {
-        (None, findings.mode_ticks)
-    };
-    match unready {
-        None if good_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
+    match findings.unready {
+        None if findings.window_ticks >= values.self_check_ticks => Decision::Go(Mode::Ready),
         Some(reason) if findings.mode_ticks >= values.self_check_ticks_max => {
             Decision::Fail(reason)
         }
@@ -196,9 +226,7 @@ fn from_self_check(values: &SettingsValues, findings: &Findings) -> Decision {
 }
 
 fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
-    let watched = findings.switches.on(SafetyFunction::RestWatch);
-    let at_rest = findings.unready.is_none() || !watched;
-    let may_begin = at_rest && !findings.suspect();
+    let may_begin = findings.unready.is_none() && !findings.suspect();
     match findings.request {
         Request::Assist if may_begin => Decision::Go(Mode::Assisting),
         Request::Play(_) if may_begin && values.play_pressure_pa_max > 0.0 => {
@@ -208,7 +236,7 @@ fn from_ready(values: &SettingsValues, findings: &Findings) -> Decision {
     }
 }
 
-/// An experiment has a program behind it: when that is silent, nobody is watching.
+/// An experiment is run by a program: when its requests stop, the experiment is unattended.
 fn from_playing(findings: &Findings) -> Decision {
     if findings.silent_ticks >= PLAY_SILENCE_TICKS {
         Decision::Go(Mode::Venting)
@@ -221,16 +249,16 @@ fn from_assisting(findings: &Findings) -> Decision {
     if findings.request == Request::Hold {
         Decision::Go(Mode::Holding)
     } else if findings.suspect() {
-        Decision::Bridge
+        Decision::AwaitReading
     } else {
         Decision::Stay
     }
 }
 
-/// A hold that was asked for ends when assistance is; one over a suspect reading ends with it.
+/// A requested hold ends with a request to assist; one over a suspect reading ends with that.
 fn from_holding(findings: &Findings) -> Decision {
-    let resumes = findings.request == Request::Assist || findings.bridging;
-    if findings.bridging && findings.request == Request::Hold {
+    let resumes = findings.request == Request::Assist || findings.awaits_reading;
+    if findings.awaits_reading && findings.request == Request::Hold {
         Decision::Go(Mode::Holding)
     } else if resumes && !findings.suspect() {
         Decision::Go(Mode::Assisting)
@@ -244,5 +272,44 @@ fn from_venting(findings: &Findings) -> Decision {
         Decision::Go(Mode::SelfCheck)
     } else {
         Decision::Stay
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Records have these words: a variant may be renamed, its word may not.
+    #[test]
+    fn words_of_modes_and_faults_are_those_of_records() {
+        let modes = "SelfCheck Ready Assisting Holding Venting Playing";
+        assert!(
+            modes
+                .split(' ')
+                .eq(Mode::NAMED.iter().map(|(_, name)| *name))
+        );
+        let faults = "Bridge(Range) Bridge(Step) Bridge(Stuck) \
+                      Pressure(Range) Pressure(Step) Pressure(Stuck) \
+                      Encoder(Range) Encoder(Step) Encoder(Stuck) \
+                      OverPressure OverContraction MissedTicks LoadedLever NotVented NotStill \
+                      Uncommanded PressureControl ForceBalance OverSpeed Memory";
+        assert!(
+            faults
+                .split(' ')
+                .eq(Fault::NAMED.iter().map(|(_, name)| *name))
+        );
+        for (mode, name) in Mode::NAMED {
+            assert_eq!((mode.name(), Mode::from_name(name)), (*name, Some(*mode)));
+        }
+        for (fault, name) in Fault::NAMED {
+            assert_eq!(
+                (fault.name(), Fault::from_name(name)),
+                (*name, Some(*fault))
+            );
+        }
+        assert_eq!(
+            (Mode::from_name("ready"), Fault::from_name("Bridge")),
+            (None, None)
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! Did the tick come when it should? Told from a free-running counter of CPU cycles.
+//! Timing of ticks: late and missed ones, from a free-running counter of CPU cycles.
 
 use core::num::NonZeroU32;
 use serde::{Deserialize, Serialize};
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// When a tick began and how long the one before it took.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Timing {
-    /// Ticks that did not happen since the last one.
+    /// Ticks missed since the last one.
     pub missed_ticks: u8,
     /// CPU cycles after the earliest possible start; its spread is the jitter.
     pub late_cycles: u32,
@@ -33,8 +33,8 @@ impl TickClock {
         }
     }
 
-    /// A tick begins at `now_cycles`, on a counter that wraps. The longest gap that is told right
-    /// is the counter's span.
+    /// A tick begins at `now_cycles`, on a counter that wraps. Gaps longer than the counter's span
+    /// are reported too short.
     pub fn begin(&mut self, now_cycles: u32) -> Timing {
         let period_cycles = self.period_cycles.get();
         let Some(last_cycles) = self.due_cycles else {
@@ -42,7 +42,7 @@ impl TickClock {
             return Timing::default();
         };
         let elapsed_cycles = now_cycles.wrapping_sub(last_cycles);
-        // A tick may come a little before the grid has it due: then the first one came late.
+        // A tick that comes a little early shows that the grid was set by a late one.
         let early_cycles = period_cycles / 64;
         let periods = (elapsed_cycles.saturating_add(early_cycles) / self.period_cycles).max(1);
         let due_after_cycles = periods.saturating_mul(period_cycles);

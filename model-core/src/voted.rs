@@ -1,6 +1,4 @@
-//! Memory that survives a flipped bit: three copies, of which two that agree are right.
-
-use crate::safety::{SafetyFunction, Switches};
+//! Memory that survives a flipped bit: three copies, of which the value that two agree on is used.
 
 /// A value in three copies.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,37 +18,31 @@ impl<T: Copy + PartialEq> Voted<T> {
     }
 
     /// The value that two copies agree on; the first copy where all differ (see
-    /// [`Voted::is_intact`]).
+    /// [`Voted::has_majority`]).
     pub fn get(&self) -> &T {
         let [a, b, c] = &self.0;
         if a != b && b == c { b } else { a }
     }
 
-    /// True where all copies agree. NaN agrees with nothing, and has no place here.
+    /// True if all copies agree. A value that contains NaN never agrees.
     pub fn is_intact(&self) -> bool {
         let [a, b, c] = &self.0;
         a == b && b == c
     }
 
-    /// True where at least two copies agree.
-    pub fn is_known(&self) -> bool {
+    /// True if at least two copies agree.
+    pub fn has_majority(&self) -> bool {
         let [a, b, c] = &self.0;
         a == b || b == c || a == c
     }
 
-    /// As [`Voted::get`] with its vote; the first copy, right or wrong, without it.
-    pub(crate) fn get_as(&self, switches: Switches) -> &T {
-        let [first, ..] = &self.0;
-        if switches.on(SafetyFunction::MemoryVote) {
-            self.get()
-        } else {
-            first
-        }
+    /// The copies, as the fault campaign reads them.
+    pub fn copies(&self) -> &[T; 3] {
+        &self.0
     }
 
-    /// The copies, to damage one.
-    #[cfg(feature = "fault-injection")]
-    pub fn copies(&mut self) -> &mut [T; 3] {
+    /// The copies, for the fault campaign to damage one. The controller never writes a single one.
+    pub fn copies_mut(&mut self) -> &mut [T; 3] {
         &mut self.0
     }
 }
@@ -63,11 +55,11 @@ mod tests {
     fn one_damaged_copy_is_outvoted_and_noticed() {
         for damaged in 0..3 {
             let mut voted = Voted::new(7);
-            assert!(voted.is_intact() && voted.is_known());
-            voted.0[damaged] = 8;
+            assert!(voted.is_intact() && voted.has_majority());
+            voted.copies_mut()[damaged] = 8;
             assert_eq!(*voted.get(), 7, "copy {damaged}");
-            assert!(!voted.is_intact() && voted.is_known());
+            assert!(!voted.is_intact() && voted.has_majority());
         }
-        assert!(!Voted([1, 2, 3]).is_known());
+        assert!(!Voted([1, 2, 3]).has_majority());
     }
 }

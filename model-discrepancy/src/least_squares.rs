@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector};
 use std::cmp::Ordering;
 
 /// Residuals beyond this many standard deviations count less.
-const OUTLIER: f64 = 4.0;
+pub const OUTLIER: f64 = 4.0;
 /// Noise that is expected beyond the edge of a dead zone, in standard deviations.
 const EDGE: f64 = 3.0;
 /// Iterations that the convex problem may take, and the decrease below which it ends: at all, and

@@ -16,7 +16,7 @@ pub struct Weight {
     pub static_friction_n: f64,
 }
 
-/// What the muscle pulls on.
+/// The load of the muscle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Load {
     /// A weight that hangs from the muscle, with a stop at contraction 0.
@@ -49,7 +49,7 @@ pub struct Gas {
 
 impl Gas {
     /// Air at 293 K and one standard atmosphere with the paper's heat transfer, for rigs that use
-    /// nothing of the air but its pressure.
+    /// only the pressure of the air.
     pub const STANDARD: Gas = Gas {
         ambient_temperature_k: 293.0,
         atmospheric_pressure: AbsolutePa(101_325.0),
@@ -74,8 +74,8 @@ pub struct Nominal {
 }
 
 impl Nominal {
-    /// The paper's rig with valve B, and the constants that the paper leaves out chosen so that its
-    /// figures result (docs/errata.md).
+    /// The paper's rig with valve B; constants that the paper does not give are chosen to reproduce
+    /// its figures (docs/errata.md).
     pub const REFERENCE: Nominal = Nominal {
         muscle: Muscle {
             alpha_m2: 3.7718e-3,

@@ -1,27 +1,27 @@
 #!/usr/bin/env bash
-# Breaks the firmware in one place at a time, and shows which tests on the emulated board notice.
-# Needs the cross toolchain (scripts/setup-cross.sh). Prints what was broken and the tests that
-# failed; fails if a mutant lives. With an argument: only mutants whose name contains it.
+# Introduces one error at a time into the firmware, and shows which tests on the emulated board
+# fail. Needs the cross toolchain (scripts/setup-cross.sh). Prints each error and the tests that failed;
+# fails if no test detects one. With an argument: only errors whose name contains it.
 #
-# What is broken is a copy of the last commit: the working tree is never touched.
+# Works on a copy of the last commit and does not change the working tree.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 only=${1:-}
 if [ -n "$(git status --porcelain -- firmware model-core hil-sim tests/board)" ]; then
-    echo 'expected committed firmware and tests: the mutants are made from the last commit' >&2
+    echo 'uncommitted changes: the mutants are made from the last commit, so commit first' >&2
     exit 2
 fi
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
-# The mutants' own place, and the tests', which are built once.
+# Target directories of the mutants and of the tests, which are built once.
 firmware_dir=${MUTANTS_TARGET_DIR:-$PWD/target/mutants}
 tests_dir=${CARGO_TARGET_DIR:-$PWD/tests/board/target}
 target=thumbv7em-none-eabihf
 survivors=0
 
-# Puts the copy as it was committed into $work/tree.
+# Copies the last commit to $work/tree.
 fresh_copy() {
     rm -rf "$work/tree"
     mkdir "$work/tree"
@@ -30,17 +30,18 @@ fresh_copy() {
 
 build() { (cd "$work/tree" && CARGO_TARGET_DIR=$firmware_dir cargo firmware) >"$work/log" 2>&1; }
 
-# The tests know nothing of the cross toolchain.
+# The tests are built with the toolchain of the host.
 passes() {
     FIRMWARE=$firmware_dir/$target/release/firmware CARGO_TARGET_DIR=$tests_dir \
         env -u RUSTUP_TOOLCHAIN cargo test -q --release --manifest-path tests/board/Cargo.toml \
-        --test firmware -- --skip power_cuts --skip hundred_thousand >"$work/log" 2>&1
+        --test firmware -- --include-ignored \
+        --skip power_cuts --skip hundred_thousand >"$work/log" 2>&1
 }
 
-# The tests that failed.
+# Names of the failed tests.
 failed() { sed -n 's/^    \([a-z]*::[a-z_0-9]*\)$/\1/p' "$work/log" | sort -u; }
 
-# name, file, then a program for sed that must change the file
+# Arguments: name, file, sed program that must change the file.
 mutant() {
     local name=$1 file=$2 program=$3
     [[ $name == *$only* ]] || return 0
@@ -65,25 +66,25 @@ mutant() {
 
 fresh_copy
 if ! build || ! passes; then
-    echo 'unbroken: FAILS, so that nothing can be told'
+    echo 'the unchanged firmware fails its tests: no mutant was tried'
     tail -n 5 "$work/log"
     exit 1
 fi
 
 src=firmware/src
-mutant 'encoder channels swapped (it counts the other way)' $src/encoder.rs \
-    's/self\.0\.count\(\)/self.0.count().wrapping_neg()/'
-mutant 'ADC channels wrong' $src/adc.rs \
+mutant 'encoder channels swapped' $src/driver/encoder.rs \
+    's/(self\.0\.cnt\(\).*bits\(\))/\1.wrapping_neg()/'
+mutant 'ADC channels wrong' $src/driver/adc.rs \
     's/configure_channel\(&bridge/configure_channel(\&X/; s/configure_channel\(&pressure/configure_channel(\&bridge/; s/configure_channel\(&X/configure_channel(\&pressure/'
-mutant 'DAC not enabled' $src/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
-mutant 'DAC buffer left on' $src/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
-mutant 'valve left as it is by a crash' $src/crash.rs 's/valve::make_safe\(\);//'
-mutant 'watchdog not started' $src/watchdog.rs \
+mutant 'DAC not enabled' $src/driver/valve.rs 's/\.en1\(\)\.set_bit\(\)//'
+mutant 'DAC buffer left on' $src/driver/valve.rs 's/\.boff1\(\)\.set_bit\(\)//'
+mutant 'a crash does not set the valve to 0 V' $src/crash.rs 's/valve::make_safe\(\);//'
+mutant 'watchdog not started' $src/driver/watchdog.rs \
     's/iwdg\.kr\(\)\.write\(\|w\| w\.key\(\)\.start\(\)\);//; s/while iwdg.*\{\}//'
 mutant 'watchdog never fed' $src/main.rs 's/local\.watchdog\.feed\(\);//'
-mutant 'tick at 11 ms' $src/adc.rs 's/TICK_COUNTS - 1/TICK_COUNTS + 999/'
-mutant '12 ms blocked above the tick' $src/main.rs \
+mutant 'tick at 11 ms' $src/driver/tick_timer.rs 's/TICK_COUNTS - 1/TICK_COUNTS + 999/'
+mutant 'link task with the highest priority, blocking 12 ms' $src/main.rs \
     's/(binds = TIM3, priority = )2/\14/; s/(while let Some\(message\) = link\.receive\(\) \{)/\1 cortex_m::asm::delay(12 * 180_000);/'
 mutant 'HSE without bypass' $src/board/nucleo_f446re.rs 's/\.bypass_hse_oscillator\(\)//'
-mutant 'link at the wrong speed' $src/board.rs 's/(LINK_BAUD: u32 = )921_600/\1460_800/'
+mutant 'link at the wrong baud rate' $src/board/mod.rs 's/(LINK_BAUD: u32 = )921_600/\1460_800/'
 [ "$survivors" = 0 ]

@@ -1,6 +1,6 @@
-//! Makes a program of model-core and its tests. Rust's own harness needs std, which there is none
-//! of on a bare CPU; so `#[test]` is replaced on each function, and a table lists them instead.
-//! Nothing else of model-core is changed, and no line moves.
+//! Generates a program from model-core and its tests. Rust's test harness needs std, which a bare
+//! CPU does not have: this replaces `#[test]` on each function and lists the functions in a table.
+//! It changes nothing else of model-core, and line numbers stay the same.
 
 use std::path::PathBuf;
 use std::{env, fs};
@@ -9,8 +9,12 @@ const MODEL_CORE: &str = "../../model-core";
 
 fn main() {
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    fs::copy("memory.x", out.join("memory.x")).expect("memory.x stands beside this");
-    println!("cargo:rustc-link-search={}", out.display());
+    // The linker runs in the root of the workspace, where it would find the board's memory.x.
+    let memory = fs::canonicalize("memory.x").expect("memory.x is in the folder of the package");
+    println!(
+        "cargo:rustc-link-arg=--remap-inputs=memory.x={}",
+        memory.display()
+    );
     println!("cargo:rerun-if-changed=memory.x");
     println!("cargo:rerun-if-changed={MODEL_CORE}");
 
@@ -25,7 +29,7 @@ fn main() {
                 (with_table(&name, &code, tests), format!("{name}::tests"))
             }
             None if text.contains("#[test]") => {
-                // A file of tests: the table takes the first blank line, past the inner comments.
+                // A file of tests: the table replaces the first blank line, after the comments.
                 let (comment, tests) = text.split_once("\n\n").expect("a blank line");
                 let comment = format!("{comment}\n");
                 (with_table(&name, &comment, tests), name.clone())
@@ -43,27 +47,30 @@ fn main() {
     fs::write(out.join("model_core.rs"), root).expect("OUT_DIR can be written to");
 }
 
-/// Name and text of each file; a test file that is called like a source is told apart.
+/// Name and text of each file. A suffix distinguishes test files from sources of the same name.
 fn sources(folder: &str) -> Vec<(String, String)> {
-    let entries = fs::read_dir(format!("{MODEL_CORE}/{folder}")).expect("model-core is there");
+    let entries = fs::read_dir(format!("{MODEL_CORE}/{folder}")).expect("model-core exists");
     let mut files: Vec<PathBuf> = entries
         .map(|entry| entry.expect("a readable folder").path())
         .filter(|path| path.extension().is_some_and(|extension| extension == "rs"))
         .collect();
     files.sort();
     let read = |path: &PathBuf| {
-        let stem = path.file_stem().expect("a file").to_string_lossy();
+        let stem = path
+            .file_stem()
+            .expect("the path of a file")
+            .to_string_lossy();
         let name = if folder == "src" {
             stem.into()
         } else {
             format!("{stem}_{folder}")
         };
-        (name, fs::read_to_string(path).expect("readable"))
+        (name, fs::read_to_string(path).expect("a readable file"))
     };
     files.iter().map(read).collect()
 }
 
-/// `before` and `tests`, with a table of the tests on the line between.
+/// Joins `before` and `tests` with a table of the tests on the line between.
 fn with_table(name: &str, before: &str, tests: &str) -> String {
     let functions = tests.split("#[test]").skip(1).filter_map(|test| {
         let (_, function) = test.split_once("fn ")?;

@@ -8,9 +8,10 @@ use hil_sim::paper::{VALVE_A_FLOW_GAIN_KG_PER_PA_S, VALVE_B_FLOW_GAIN_KG_PER_PA_
 use hil_sim::rig::Rig;
 use integration_tests::{adiabatic, weight_mut, with_flow_gain};
 use model_core::assist::{Assist, reference_force_n};
+use model_core::constants::TICK_S;
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
-use model_core::settings::{Settings, SettingsValues, TICK_S};
+use model_core::settings::{Settings, SettingsValues};
 use muscle_plant::simulation::{Drive, PRESSURE, Simulated};
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::gas::HEAT_RATIO;

@@ -162,11 +162,17 @@ impl Package {
             references: references(&tokens),
         });
         for three in tokens.windows(3) {
-            let [keyword, name, end] = three else { continue };
+            let [keyword, name, end] = three else {
+                continue;
+            };
             if keyword == "mod" && end == ";" {
                 let inner = inner.join(name);
                 let file = inner.with_extension("rs");
-                let file = if file.exists() { file } else { inner.join("mod.rs") };
+                let file = if file.exists() {
+                    file
+                } else {
+                    inner.join("mod.rs")
+                };
                 if file.exists() {
                     let child = self.add(file, &inner, Some(number));
                     self.modules[number].children.insert(name.clone(), child);
@@ -316,7 +322,10 @@ fn circles(imports: &BTreeMap<PathBuf, BTreeSet<PathBuf>>) -> Vec<Vec<&Path>> {
         .map(|file| (file.as_path(), reached(file)))
         .collect();
     let mut circles: BTreeSet<Vec<&Path>> = BTreeSet::new();
-    for file in imports.keys().filter(|file| reached[file.as_path()].contains(file.as_path())) {
+    for file in imports
+        .keys()
+        .filter(|file| reached[file.as_path()].contains(file.as_path()))
+    {
         let is_mutual = |other: &&&Path| reached[**other].contains(file.as_path());
         let circle = reached[file.as_path()].iter().filter(is_mutual);
         circles.insert(circle.copied().collect());
@@ -341,7 +350,9 @@ fn share_a_folder(files: &[&Path]) -> bool {
 
 #[test]
 fn files_of_different_folders_do_not_import_each_other_in_a_circle() {
-    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the repository");
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the repository");
     let mut intended: BTreeSet<Vec<String>> = INTENDED
         .iter()
         .map(|(files, _)| files.iter().map(|file| String::from(*file)).collect())

@@ -1,17 +1,17 @@
-//! Which pin, timer, DMA stream and interrupt does what, on either board; docs/wiring.md draws it.
+//! Pins of the boards, which share them; docs/wiring.md draws the wiring.
 //!
 //! | signal          | pin      | peripheral             | served by                        |
 //! |-----------------|----------|------------------------|----------------------------------|
 //! | strain bridge   | PC0 (A5) | ADC1 channel 10        | DMA2 stream 0 channel 0          |
-//! | pressure sensor | PC1 (A4) | ADC1 channel 11        | the same                         |
+//! | pressure sensor | PC1 (A4) | ADC1 channel 11        | DMA2 stream 0 channel 0          |
 //! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
 //! | valve           | PA4 (A2) | DAC channel 1          | written by the tick              |
 //! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
 //!
-//! TIM2's update starts the ADC, sixteen conversions later DMA2 stream 0 interrupts: that is the
-//! tick. TIM3 interrupts every millisecond: that is the link's turn.
+//! The update event of TIM2 starts the ADC; after sixteen conversions DMA2 stream 0 requests the
+//! interrupt of the tick. TIM3 requests the interrupt of the link task every millisecond.
 
 use stm32f4xx_hal::gpio::{Alternate, Analog, Input, PA0, PA1, PA2, PA3, PA4, PC0, PC1, PC13};
 use stm32f4xx_hal::pac::{GPIOA, GPIOC};
@@ -28,18 +28,10 @@ pub type EncoderPins = (PA0<Alternate<2>>, PA1<Alternate<2>>);
 pub type ValvePin = PA4<Analog>;
 /// Link TX and RX.
 pub type LinkPins = (PA2, PA3);
+/// User button, with pull-up.
+pub type ButtonPin = PC13<Input>;
 
-/// The button.
-pub struct Button(PC13<Input>);
-
-impl Button {
-    /// True while it is pressed.
-    pub fn is_pressed(&self) -> bool {
-        self.0.is_low()
-    }
-}
-
-/// Every pin that is used.
+/// All pins in use, configured.
 pub struct Pins {
     /// Strain bridge.
     pub bridge: BridgePin,
@@ -51,12 +43,12 @@ pub struct Pins {
     pub valve: ValvePin,
     /// Link TX and RX.
     pub link: LinkPins,
-    /// The button.
-    pub button: Button,
+    /// User button.
+    pub button: ButtonPin,
 }
 
 impl Pins {
-    /// Sets the pins up.
+    /// Configures the pins.
     pub fn new(a: GPIOA, c: GPIOC, rcc: &mut Rcc) -> Pins {
         let a = a.split(rcc);
         let c = c.split(rcc);
@@ -69,7 +61,7 @@ impl Pins {
             ),
             valve: a.pa4.into_analog(),
             link: (a.pa2, a.pa3),
-            button: Button(c.pc13.into_pull_up_input()),
+            button: c.pc13.into_pull_up_input(),
         }
     }
 }

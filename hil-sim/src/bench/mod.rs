@@ -1,6 +1,7 @@
 //! The test bench: the closed loop with the controller in this program or on a board, test signals,
 //! records of ticks, replay and compensation.
 
+pub mod assist_run;
 pub mod board_report;
 pub mod board_settings;
 pub mod closed_loop;

@@ -100,24 +100,13 @@ fn sensors(record: &Record) -> Result<Vec<Sensors>, BadInput> {
     let encoder = counts(record, record::ENCODER_COUNT)?;
     let missed = counts(record, record::MISSED_TICKS)?;
     let requests = record.require_text(record::REQUEST)?;
-    let request = |row: usize| match requests[row].as_str() {
-        "None" => Ok(Request::None),
-        "Assist" => Ok(Request::Assist),
-        "Hold" => Ok(Request::Hold),
-        "Vent" => Ok(Request::Vent),
-        "Reset" => Ok(Request::Reset),
-        other => {
-            let played = other
-                .strip_prefix("Play(")
-                .and_then(|rest| rest.strip_suffix(')'));
-            let pressure_pa = played.and_then(|pressure_pa| pressure_pa.parse().ok());
-            pressure_pa.map(Request::Play).ok_or_else(|| {
-                let why = format!(
-                    "None, Assist, Hold, Vent, Reset or Play(…) as request, found `{other}`"
-                );
-                record.bad_at(record.time_s()[row], &why)
-            })
-        }
+    let request = |row: usize| {
+        let name = &requests[row];
+        Request::from_name(name).ok_or_else(|| {
+            let why =
+                format!("None, Assist, Hold, Vent, Reset or Play(…) as request, found `{name}`");
+            record.bad_at(record.time_s()[row], &why)
+        })
     };
     (0..record.time_s().len())
         .map(|row| {

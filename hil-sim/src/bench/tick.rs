@@ -2,12 +2,13 @@
 
 use crate::record::Record;
 use crate::record::columns::{self, Row};
+use model_core::constants::TICK_PERIOD_MS;
 use model_core::io::{Output, Sensors};
 use model_core::pressure::GaugePa;
 use model_core::settings::Settings;
 
-/// Period of the controller \[s\], the paper's sampling time.
-pub const TICK_S: f64 = 0.01;
+/// Period of the controller's tick \[s\].
+pub const TICK_S: f64 = TICK_PERIOD_MS as f64 / 1e3;
 
 /// One tick of a run with a simulated plant.
 #[derive(Clone, Copy, Debug)]

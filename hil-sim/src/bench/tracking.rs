@@ -37,8 +37,7 @@ fn crossing_s(ticks: &[Tick], level: f64, value: fn(&Tick) -> f64) -> Option<f64
 pub fn tracking(rig: &Rig, ticks: &[Tick], span_s: &Range<f64>) -> Result<Tracking, BadInput> {
     let weight_n = design::weight(rig)?.mass_kg * GRAVITY_M_PER_S2;
     // Times are rounded: half a tick decides.
-    let index_at =
-        |time_s: f64| ticks.partition_point(|tick| tick.time_s < time_s - 0.5 * TICK_S);
+    let index_at = |time_s: f64| ticks.partition_point(|tick| tick.time_s < time_s - 0.5 * TICK_S);
     let start = index_at(span_s.start);
     let ticks = &ticks[start..index_at(span_s.end).max(start)];
     let reference_n = |tick: &Tick| f64::from(tick.output.reference_force_n);
@@ -50,9 +49,8 @@ pub fn tracking(rig: &Rig, ticks: &[Tick], span_s: &Range<f64>) -> Result<Tracki
     let levels = (1..10).map(|tenth| 0.1 * f64::from(tenth) * weight_n);
     let delays: Option<Vec<f64>> = levels
         .map(|level| {
-            let reference_s = crossing_s(ticks, level, |tick| {
-                tick.output.reference_force_n.into()
-            })?;
+            let reference_s =
+                crossing_s(ticks, level, |tick| tick.output.reference_force_n.into())?;
             Some(crossing_s(ticks, level, |tick| tick.force_n)? - reference_s)
         })
         .collect();

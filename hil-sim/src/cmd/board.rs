@@ -1,20 +1,23 @@
 //! Which board a command talks to.
 
 use crate::Failure;
-use hil_sim::bench::link::{Client, LinkError, Port};
+use hil_sim::bench::port::client::{Client, LinkError, Transport};
 use hil_sim::bench::port::emulated::{self, Emulated};
+#[cfg(feature = "serial")]
 use hil_sim::bench::port::serial::Serial;
 use hil_sim::error::BadInput;
 use model_core::link::{Board, Identity};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
+#[cfg(feature = "terminal")]
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// A board that has been silent for so long will not speak again.
 const GIVE_UP: Duration = Duration::from_secs(60);
 
 /// The way to a board.
-pub type Line = Client<Box<dyn Port + Send>>;
+pub type Line = Client<Box<dyn Transport + Send>>;
 
 /// A board, and who it says it is.
 pub struct Connected {
@@ -25,22 +28,37 @@ pub struct Connected {
     /// The port's name.
     pub port: String,
     /// Set to end early.
+    #[cfg(feature = "terminal")]
     pub stop: Arc<AtomicBool>,
+}
+
+#[cfg(feature = "serial")]
+fn serial(name: &str) -> Result<Box<dyn Transport + Send>, BadInput> {
+    Ok(Box::new(Serial::open(name)?))
+}
+
+#[cfg(not(feature = "serial"))]
+fn serial(name: &str) -> Result<Box<dyn Transport + Send>, BadInput> {
+    let expected = "no port, as this hil-sim was built without the feature `serial`";
+    Err(BadInput::file(name, expected))
 }
 
 /// Connects to the real board at `port`, else to an emulated one.
 pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
-    let line: Box<dyn Port + Send> = match port {
-        Some(name) => Box::new(Serial::open(name)?),
+    let line: Box<dyn Transport + Send> = match port {
+        Some(name) => serial(name)?,
         None => {
             let (program, elf) = emulated::find()?;
             Box::new(Emulated::start(&program, &elf)?)
         }
     };
     let stop = Arc::new(AtomicBool::new(false));
-    let handler = Arc::clone(&stop);
-    // Without a handler an interrupt just ends the program.
-    let _ = ctrlc::set_handler(move || handler.store(true, Ordering::Relaxed));
+    #[cfg(feature = "terminal")]
+    {
+        let handler = Arc::clone(&stop);
+        // Without a handler an interrupt ends the program at once.
+        let _ = ctrlc::set_handler(move || handler.store(true, Ordering::Relaxed));
+    }
     let mut line = Client::new(line, GIVE_UP, Arc::clone(&stop));
     let name = port.unwrap_or("the emulated board").to_string();
     let identity = match line.identity() {
@@ -54,6 +72,7 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
         line,
         identity,
         port: name,
+        #[cfg(feature = "terminal")]
         stop,
     })
 }
@@ -73,7 +92,7 @@ pub fn in_words(identity: &Identity) -> String {
         words += &format!(", which has crashed before: {crash:?}");
     }
     if let Some(fault) = identity.fault {
-        words += &format!(", whose controller had latched {fault:?} before the reset");
+        words += &format!(", whose controller had latched {fault} before the reset");
     }
     words
 }

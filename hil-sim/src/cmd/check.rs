@@ -2,7 +2,7 @@
 
 use crate::Failure;
 use hil_sim::record::Record;
-use hil_sim::record::check::{Block, Check, Finding, Sampling, Signal, check};
+use hil_sim::record::check::{Check, Finding, Sampling, Signal, Subsystem, check};
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::Rig;
 use serde::Serialize;
@@ -37,7 +37,7 @@ struct Summary<'a> {
     signals: &'a [Signal],
     errors: &'a [Finding],
     warnings: &'a [Finding],
-    blocks: &'a [Block],
+    blocks: &'a [Subsystem],
 }
 
 /// Runs the command.
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let record = Record::read(&args.record)?;
     let rig = args.rig.as_deref().map(Rig::read).transpose()?;
     let check = check(&record);
-    let blocks = check.blocks(rig.as_ref());
+    let blocks = check.subsystems(rig.as_ref());
     if args.json {
         super::print_json(&Summary {
             sampling: &check.sampling,
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn words(title: String, check: &Check, blocks: &[Block]) -> Report {
+fn words(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
     let sampling = &check.sampling;
     let mut verdict = vec![format!(
         "{} rows in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
@@ -132,12 +132,12 @@ fn row(signal: &Signal) -> Vec<String> {
     ]
 }
 
-fn block_row(block: &Block) -> Vec<String> {
+fn block_row(block: &Subsystem) -> Vec<String> {
     let said = if block.missing.is_empty() {
         &block.blind_to
     } else {
         &block.missing
     };
     let enough = if block.enough { "yes" } else { "no" };
-    vec![block.block.into(), enough.into(), said.join("; ")]
+    vec![block.name.into(), enough.into(), said.join("; ")]
 }

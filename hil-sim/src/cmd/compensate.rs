@@ -1,11 +1,11 @@
 //! `hil-sim compensate`.
 
 use crate::Failure;
+use hil_sim::bench::assist_run::{AssistRun, assist_plots};
 use hil_sim::bench::compensate::{Compensated, Corners, OFF_BY, Part, Quality, SPAN_S, compensate};
 use hil_sim::bench::settings_file;
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
-use hil_sim::paper::{AssistRun, assist_plots};
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::Rig;
 use model_core::settings::SettingsValues;

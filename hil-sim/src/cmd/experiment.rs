@@ -2,7 +2,7 @@
 
 use super::between;
 use crate::Failure;
-use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, experiment};
+use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::rig::Rig;
@@ -69,10 +69,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut limits = Limits::of(&Rig::read(&args.rig)?, args.contraction_max)?;
     limits.rate_pa_per_s_max = args.rate_max;
     let parts: &[Part] = match &args.part[..] {
-        [] => &Part::USUAL,
+        [] => &Part::DEFAULT,
         parts => parts,
     };
-    let written = experiment(&limits, parts);
+    let written = test_signal(&limits, parts);
     written.record.write(&args.out)?;
     let parts = written.parts.iter().map(|(part, begins_s)| PartSummary {
         part: clap::ValueEnum::to_possible_value(part)

@@ -4,13 +4,13 @@ use super::{Common, Progress, print};
 use crate::Failure;
 use hil_sim::bench::recorder::Recorder;
 use hil_sim::error::BadInput;
+use hil_sim::faults::ablation::SafetyFunction;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{Decides, KINDS, Kind};
 use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::report::{Lacking, Summary, report, report_lacking};
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
-use model_core::safety::SafetyFunction;
 use rayon::prelude::*;
 
 /// The fault campaign: one fault at a time in the closed loop, and what becomes of the weight
@@ -52,9 +52,10 @@ pub struct Args {
 }
 
 fn function(name: &str) -> Result<SafetyFunction, String> {
-    let is_named = |function: &SafetyFunction| format!("{function:?}") == name;
-    let found = SafetyFunction::ALL.into_iter().find(is_named);
-    found.ok_or_else(|| format!("expected one of {:?}", SafetyFunction::ALL))
+    SafetyFunction::from_name(name).ok_or_else(|| {
+        let names = SafetyFunction::ALL.map(SafetyFunction::name);
+        format!("expected one of {}", names.join(", "))
+    })
 }
 
 /// Cases of each kind that are run again with hardware.

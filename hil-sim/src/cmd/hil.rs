@@ -3,22 +3,27 @@
 use super::Common;
 use super::board::{Connected, connect, in_words};
 use super::run::Scenario;
+#[cfg(feature = "terminal")]
 use super::screen;
 use crate::Failure;
+use hil_sim::bench::assist_run::{AssistRun, assist_plots, tracking_table};
 use hil_sim::bench::board_report::BoardReport;
-use hil_sim::bench::closed_loop::{TICK_S, Tick, Tracking};
+use hil_sim::bench::board_settings::{ensure, ensure_from_rig};
 use hil_sim::bench::hil::{self, Job};
 use hil_sim::bench::recorder::Recorder;
-use hil_sim::bench::replay::{Inputs, OnPc, replay, settle, store};
+use hil_sim::bench::replay::{Inputs, OnPc, replay};
 use hil_sim::bench::settings_file;
+use hil_sim::bench::tick::{TICK_S, Tick};
+use hil_sim::bench::tracking::Tracking;
 use hil_sim::bench::view::View;
-use hil_sim::paper::{AssistRun, assist_plots, tracking_table, valves};
+use hil_sim::paper::valves;
 use hil_sim::record::Record;
 use hil_sim::report::{Report, Section, Table};
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::sync::Mutex;
+#[cfg(feature = "terminal")]
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The assist experiment with the controller on a board, the plant on this PC
@@ -103,11 +108,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = match &args.settings {
         Some(file) => {
             let wanted = settings_file::read(file)?;
-            store(&mut board.line, wanted, &board.port, "the file", may_write)?
+            ensure(&mut board.line, wanted, &board.port, "the file", may_write)?
         }
-        None => settle(&mut board.line, &rigs[0].1, &board.port, may_write)?,
+        None => ensure_from_rig(&mut board.line, &rigs[0].1, &board.port, may_write)?,
     };
-    let with_screen = !args.no_screen && std::io::stderr().is_terminal();
+    let with_screen =
+        cfg!(feature = "terminal") && !args.no_screen && std::io::stderr().is_terminal();
     let view = Mutex::new(View::new(&words, board.identity.cpu_hz));
     let jobs: Vec<(&str, Job)> = rigs
         .iter()
@@ -115,7 +121,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let job = Job {
                 rig,
                 settings,
-                experiment: &experiment,
+                run: &experiment,
                 progress: if with_screen {
                     no_words
                 } else {
@@ -145,22 +151,35 @@ pub fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
         let (time_s, output) = (tick.time_s + TICK_S, &tick.output);
         let fault = output
             .fault
-            .map_or(String::new(), |fault| format!(", {fault:?}"));
+            .map_or(String::new(), |fault| format!(", {fault}"));
         let (mode, force_n) = (output.mode, tick.force_n);
-        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode:?}{fault}, {force_n:.0} N");
+        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode}{fault}, {force_n:.0} N");
     }
 }
 
 /// Ends the screen, even if the experiment has panicked.
+#[cfg(feature = "terminal")]
 struct SetOnDrop<'a>(&'a AtomicBool);
 
+#[cfg(feature = "terminal")]
 impl Drop for SetOnDrop<'_> {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Release);
     }
 }
 
+#[cfg(not(feature = "terminal"))]
+fn on_screen(
+    args: &Args,
+    board: &mut Connected,
+    view: &Mutex<View>,
+    jobs: &[(&str, Job)],
+) -> Result<Vec<Done>, Failure> {
+    all(args, board, view, jobs, false)
+}
+
 /// Runs all jobs while the screen shows them.
+#[cfg(feature = "terminal")]
 fn on_screen(
     args: &Args,
     board: &mut Connected,
@@ -222,9 +241,9 @@ fn one(
     // The record of what the board did, against the controller of this program.
     let record = Record::read(&path)?;
     let differing = replay(&Inputs::new(&record)?, &mut OnPc::default(), |_| {})?;
-    let planned = (job.experiment.duration_s / TICK_S).round() as usize;
+    let planned = (job.run.duration_s / TICK_S).round() as usize;
     let stopped = ticks.len() < planned;
-    let run = AssistRun::new(name, job.rig, job.settings, job.experiment, ticks)?;
+    let run = AssistRun::new(name, job.rig, job.settings, job.run, ticks)?;
     let summary = RunSummary {
         name: name.into(),
         tracking: run.tracking,

@@ -11,10 +11,12 @@ pub mod faults;
 pub mod hil;
 pub mod import;
 pub mod paper;
+mod progress;
 pub mod record;
 pub mod replay;
 pub mod rig;
 pub mod run;
+#[cfg(feature = "terminal")]
 pub mod screen;
 pub mod settings;
 pub mod simulate;
@@ -24,10 +26,9 @@ use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, write_atomically};
 use hil_sim::report::Report;
 use hil_sim::rig::Rig;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use progress::Progress;
 use serde::Serialize;
 use std::path::PathBuf;
-use std::time::Duration;
 
 /// Which rig, and where results go.
 #[derive(clap::Args)]
@@ -141,51 +142,6 @@ fn print_json(summary: &impl Serialize) -> Result<(), NotWritten> {
     // Summaries are plain structs of numbers and words, which JSON can always hold.
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     print(&(json + "\n"))
-}
-
-/// What is done of `doing`, of `length`: drawn on a terminal once it has taken a second, gone when
-/// it is dropped.
-struct Progress(ProgressBar);
-
-impl Progress {
-    fn new(doing: &'static str, length: u64) -> Progress {
-        let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
-        // The template is a constant: it is valid, or the bar has its default look.
-        if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %, {eta}") {
-            bar.set_style(style);
-        }
-        bar.set_message(doing);
-        let later = bar.clone();
-        std::thread::spawn(move || {
-            std::thread::sleep(Duration::from_secs(1));
-            if !later.is_finished() {
-                later.set_draw_target(ProgressDrawTarget::stderr());
-                later.enable_steady_tick(Duration::from_millis(200));
-            }
-        });
-        Progress(bar)
-    }
-
-    fn step(&self) {
-        self.0.inc(1);
-    }
-
-    /// Another stage begins, of `length`.
-    fn stage(&self, doing: &'static str, length: u64) {
-        self.0.set_length(length);
-        self.0.set_position(0);
-        self.0.set_message(doing);
-    }
-
-    fn say(&self, doing: String) {
-        self.0.set_message(doing);
-    }
-}
-
-impl Drop for Progress {
-    fn drop(&mut self) {
-        self.0.finish_and_clear();
-    }
 }
 
 /// A number with four digits.

@@ -2,7 +2,8 @@
 
 use super::Common;
 use crate::Failure;
-use hil_sim::bench::closed_loop::{Experiment, record};
+use hil_sim::bench::closed_loop::Run;
+use hil_sim::bench::tick::record;
 use hil_sim::paper::paper;
 
 /// The paper's figures and numbers, ours beside what it says
@@ -19,7 +20,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = args.common.rig()?;
-    let (report, summary, runs) = paper(&rig, &Experiment::PAPER)?;
+    let (report, summary, runs) = paper(&rig, &Run::PAPER)?;
     for run in &runs {
         let path = args.common.record_path(&run.name)?;
         record(&run.settings, &run.ticks).write(&path)?;

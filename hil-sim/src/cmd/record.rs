@@ -3,15 +3,18 @@
 use super::board::{Connected, connect, in_words};
 use super::hil::{no_words, words_at_tenths};
 use crate::Failure;
-use hil_sim::bench::closed_loop::{CHECKED_S, Experiment, settings_with};
+use hil_sim::bench::board_settings::from_rig_and_board;
+use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::hil::{self, Job};
-use hil_sim::bench::link::{LinkCounts, LinkError};
+use hil_sim::bench::person::CHECKED_S;
 use hil_sim::bench::player::{End, Player};
-use hil_sim::bench::recorder::{Recorder, Row, Timeline};
+use hil_sim::bench::port::client::{LinkCounts, LinkError};
+use hil_sim::bench::recorder::{Recorder, Timeline};
 use hil_sim::bench::view::View;
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::record::Record;
+use hil_sim::record::columns::Row;
 use hil_sim::rig::Rig;
 use model_core::device::Command;
 use model_core::error::SettingsError;
@@ -105,12 +108,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         board.line.write_settings(settings.values())?;
     }
     let from = match args.from_start {
-        true => Some(board.line.begin_anew()?),
+        true => Some(board.line.restart_in_loop()?),
         false => None,
     };
     let mut timeline = Timeline::new(settings, from);
     let mut cock = Cock::default();
-    if player.as_ref().is_some_and(Player::has_cock) {
+    if player.as_ref().is_some_and(Player::has_shutoff) {
         eprintln!(
             "a cock is to be shut by hand, behind which nothing vents the muscle: secure the weight"
         );
@@ -225,22 +228,22 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let own = board.line.settings()?;
     let values = SettingsValues {
         play_pressure_pa_max: player.pressure_pa_max(),
-        ..*settings_with(&rig, &own)?.values()
+        ..*from_rig_and_board(&rig, &own)?.values()
     };
     let settings = playing(&board.port, values)?;
     board.line.write_settings(settings.values())?;
-    let experiment = Experiment {
+    let experiment = Run {
         play: Some(player.clone()),
         // Nobody is at the lever.
         arm_stiffness_n_per_m: 0.0,
         duration_s: CHECKED_S + player.length_s() + 1.0,
-        ..Experiment::PAPER
+        ..Run::PAPER
     };
     let is_terminal = std::io::stderr().is_terminal();
     let job = Job {
         rig: &rig,
         settings,
-        experiment: &experiment,
+        run: &experiment,
         progress: if is_terminal {
             words_at_tenths
         } else {
@@ -255,7 +258,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let last = ticks.last().map(|tick| tick.output);
     let played = match last.map(|output| (output.mode, output.fault)) {
         Some((Mode::Venting, None)) => "played to its end".into(),
-        Some((_, Some(fault))) => format!("ended by a fault, {fault:?}"),
+        Some((_, Some(fault))) => format!("ended by a fault, {fault}"),
         _ => "interrupted".into(),
     };
     tell(
@@ -275,9 +278,9 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
 fn ended(player: &Player) -> String {
     match player.end() {
         Some(End::Played) => "played to its end".into(),
-        Some(End::Failed(fault)) => format!("ended by a fault, {fault:?}"),
+        Some(End::Failed(fault)) => format!("ended by a fault, {fault}"),
         Some(End::Vented) => "vented before its end".into(),
-        Some(End::Refused(mode)) => format!("not played, the board was in {mode:?}"),
+        Some(End::Refused(mode)) => format!("not played, the board was in {mode}"),
         None => "interrupted".into(),
     }
 }
@@ -377,7 +380,7 @@ fn listen(
                 }
                 if let Some(mut row) = timeline.row(&told, elapsed_s) {
                     row.shut = player.as_ref().map(|_| cock.now);
-                    replayable |= row.begins_with.is_some();
+                    replayable |= row.start_settings.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);
                 }
@@ -420,10 +423,10 @@ impl Progress {
         let pressure_kpa = 1e-3 * output.pressure.0;
         let fault = output
             .fault
-            .map_or(String::new(), |fault| format!(", {fault:?}"));
+            .map_or(String::new(), |fault| format!(", {fault}"));
         let mode = output.mode;
         eprint!(
-            "\r{:.0} s: {mode:?}{fault}, {pressure_kpa:.0} kPa   ",
+            "\r{:.0} s: {mode}{fault}, {pressure_kpa:.0} kPa   ",
             row.time_s
         );
     }

@@ -2,10 +2,15 @@
 
 use super::{Common, Progress, between};
 use crate::Failure;
-use hil_sim::bench::closed_loop::{CHECKED_S, Experiment, Finger, TICK_S, Tracking, record};
+use hil_sim::bench::assist_run::{AssistRun, assist, assist_plots, tracking_table};
+use hil_sim::bench::closed_loop::Run;
+use hil_sim::bench::person::{CHECKED_S, Finger};
+use hil_sim::bench::tick::TICK_S;
+use hil_sim::bench::tick::record;
+use hil_sim::bench::tracking::Tracking;
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
-use hil_sim::paper::{AssistRun, assist, assist_plots, both_valves, tracking_table};
+use hil_sim::paper::both_valves;
 use hil_sim::record::{FINGER_M, Record};
 use hil_sim::report::{Report, Section};
 use hil_sim::rig::Rig;
@@ -60,12 +65,12 @@ pub struct Scenario {
     /// Time from sampling to the valve [s], within one tick
     #[arg(
         long,
-        default_value_t = Experiment::PAPER.output_delay_s,
+        default_value_t = Run::PAPER.output_delay_s,
         value_parser = between(0.0, TICK_S)
     )]
     output_delay: f64,
     /// Seed of all noise
-    #[arg(long, default_value_t = Experiment::PAPER.seed)]
+    #[arg(long, default_value_t = Run::PAPER.seed)]
     pub seed: u64,
 }
 
@@ -91,7 +96,7 @@ struct RunSummary {
 
 impl Scenario {
     /// The experiment that the arguments ask for.
-    pub fn experiment(&self) -> Result<Experiment, BadInput> {
+    pub fn experiment(&self) -> Result<Run, BadInput> {
         let (finger, ends_s) = match &self.finger {
             None => {
                 let finger = Finger::Lift {
@@ -118,13 +123,13 @@ impl Scenario {
                 (finger, ends_s)
             }
         };
-        Ok(Experiment {
+        Ok(Run {
             finger,
             arm_stiffness_n_per_m: self.arm_stiffness.unwrap_or(f64::INFINITY),
             duration_s: self.duration.unwrap_or(ends_s),
             output_delay_s: self.output_delay,
             seed: self.seed,
-            ..Experiment::PAPER
+            ..Run::PAPER
         })
     }
 
@@ -158,10 +163,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         summary.runs.push(RunSummary {
             name: run.name.clone(),
             tracking: run.tracking,
-            mode: run
-                .ticks
-                .last()
-                .map(|tick| format!("{:?}", tick.output.mode)),
+            mode: run.ticks.last().map(|tick| tick.output.mode.name().into()),
             fault: run.fault(),
             record: path.display().to_string(),
         });
@@ -184,7 +186,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Both of the paper's valves, or the rig's.
-fn runs(args: &Args, rig: &Rig, experiment: &Experiment) -> Result<Vec<AssistRun>, BadInput> {
+fn runs(args: &Args, rig: &Rig, experiment: &Run) -> Result<Vec<AssistRun>, BadInput> {
     let both = args.common.is_reference();
     let valves = if both { 2.0 } else { 1.0 };
     let ticks = (valves * experiment.duration_s / TICK_S) as u64;

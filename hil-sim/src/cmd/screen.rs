@@ -1,7 +1,7 @@
 //! The terminal screen of an experiment with hardware in the loop.
 
 use crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
-use hil_sim::bench::closed_loop::Tick;
+use hil_sim::bench::tick::Tick;
 use hil_sim::bench::view::View;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -140,13 +140,13 @@ fn status(view: &View) -> Paragraph<'_> {
     if let Some(tick) = view.ticks.last() {
         let output = &tick.output;
         line("time", format!("{:.2} s", tick.time_s), None);
-        line("mode", format!("{:?}", output.mode), Some(Color::Green));
-        let fault = output.fault.map(|fault| format!("{fault:?}"));
+        line("mode", output.mode.to_string(), Some(Color::Green));
+        let fault = output.fault.map(|fault| fault.to_string());
         let color = fault.as_ref().map(|_| Color::Red);
         line("fault", fault.unwrap_or_else(|| "none".into()), color);
         line("finger", format!("{:.2} N", output.finger_force_n), None);
     }
-    let silence = view.told_at.map(|told_at| told_at.elapsed());
+    let silence = view.answered_at.map(|answered_at| answered_at.elapsed());
     if let Some(silence) = silence.filter(|silence| *silence > MISSED_AFTER) {
         let text = format!("for {:.0} s", silence.as_secs_f64());
         line("NO ANSWER", text, Some(Color::Red));
@@ -176,7 +176,8 @@ fn status(view: &View) -> Paragraph<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hil_sim::bench::closed_loop::{self, Experiment};
+    use hil_sim::bench::board_settings;
+    use hil_sim::bench::closed_loop::{Run, run_in_process};
     use hil_sim::rig::Rig;
     use model_core::controller::Controller;
     use model_core::timing::Timing;
@@ -187,18 +188,18 @@ mod tests {
     #[test]
     fn shows_curves_mode_timing_and_log() {
         let rig = Rig::reference();
-        let settings = closed_loop::settings(&rig).unwrap();
+        let settings = board_settings::from_rig(&rig).unwrap();
         let mut controller = Controller::new(settings);
-        let experiment = Experiment {
+        let experiment = Run {
             duration_s: 2.5,
-            ..Experiment::PAPER
+            ..Run::PAPER
         };
-        let ticks = closed_loop::run(&rig, &settings, &experiment, |s| controller.tick(s));
+        let ticks = run_in_process(&rig, &settings, &experiment, |s| controller.tick(s));
         let mut view = View::new("a board", 180_000_000);
         view.begin("valve B", 2.5);
         view.ticks = ticks.unwrap();
         view.timing = Some(Timing::default());
-        view.told_at = Instant::now().checked_sub(Duration::from_secs(7));
+        view.answered_at = Instant::now().checked_sub(Duration::from_secs(7));
         view.log(vec!["INFO mode: Ready".into()]);
         for (width, height) in [(100, 40), (40, 12), (3, 2)] {
             let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();

@@ -41,8 +41,9 @@ pub(crate) fn bode(lines: &[(String, Linearisation)]) -> Vec<Plot> {
     let mut markers = Vec::new();
     if let Some((_, linear)) = lines.first() {
         let static_gain = linear.contraction_response(0.0).norm();
-        let gain =
-            response(&|omega| 20.0 * (linear.contraction_response(omega).norm() / static_gain).log10());
+        let gain = response(&|omega| {
+            20.0 * (linear.contraction_response(omega).norm() / static_gain).log10()
+        });
         let phase = response(&|omega| linear.contraction_response(omega).arg().to_degrees());
         gains.push(Series::new("H/H(0)", frequencies.clone(), gain).dashed());
         phases.push(Series::new("H", frequencies.clone(), phase).dashed());

@@ -4,6 +4,7 @@
 //! "Human feels strange" when F lags F_c. The paper's condition against it: the pressure control
 //! (G, bandwidth ω₁) must be faster than the weight on the muscle's own stiffness (H, ω₂).
 
+pub mod bode;
 pub mod report;
 
 use crate::error::BadInput;

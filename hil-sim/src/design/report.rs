@@ -1,9 +1,9 @@
 //! Which valve must I buy? The linearised circuit over a range of pressures and loads.
 
-use crate::bench::closed_loop::TICK_S;
+use super::bode::{bode, linspace};
+use crate::bench::tick::TICK_S;
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
-use crate::paper::{bode, linear};
 use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
 use crate::rig::{MASS_KG, Rig};
 use model_core::pressure::GaugePa;
@@ -82,7 +82,7 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
     }
     let mut equilibria = Vec::new();
     for mass_kg in &masses_kg {
-        for pressure_pa in linear(min_pa, max_pa, PRESSURES) {
+        for pressure_pa in linspace(min_pa, max_pa, PRESSURES) {
             equilibria.extend(design::linearise(rig, GaugePa(pressure_pa), *mass_kg)?);
         }
     }

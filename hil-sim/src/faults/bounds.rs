@@ -24,7 +24,7 @@ pub struct Bounds {
 }
 
 /// The trip level of the weight's speed over the reference's.
-const OVER_SPEED: f64 = model_core::consistency::OVER_SPEED as f64;
+const OVER_SPEED: f64 = model_core::limits::OVER_SPEED as f64;
 /// From the trip level to the fault: two ticks that are too fast, and the one before them \[s\].
 const NOTICED_S: f64 = 0.03;
 /// A surge may go so far beyond what a vessel is allowed for ever, here the supply's pressure:

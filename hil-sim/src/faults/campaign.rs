@@ -1,15 +1,16 @@
 //! Many cases, on all cores.
 
 use super::Case;
+use super::ablation::{AblatedController, SafetyFunction};
 use super::outcome::Outcome;
 use super::run::{run, settings};
 use super::unit::OnPc;
-use crate::bench::closed_loop::Tick;
+use crate::bench::tick::Tick;
 use crate::error::BadInput;
-use model_core::safety::SafetyFunction;
+use model_core::controller::Controller;
 use rayon::prelude::*;
 
-/// Runs one case on this PC.
+/// Runs one case on this PC, on the board's controller or on one that lacks a safety function.
 ///
 /// # Errors
 /// The case's rig does not fit.
@@ -19,10 +20,18 @@ pub fn run_case(
     seen: impl FnMut(&Tick),
 ) -> Result<Outcome, BadInput> {
     let (settings, known) = settings(case)?;
-    let mut unit = OnPc::new(settings, without);
-    let mut outcome = run(case, &settings, &mut unit, seen)?;
+    let mut outcome = match without {
+        None => {
+            let controller = Controller::new(settings);
+            run(case, &settings, &mut OnPc::new(controller), seen)
+        }
+        Some(function) => {
+            let controller = AblatedController::new(settings, function);
+            run(case, &settings, &mut OnPc::new(controller), seen)
+        }
+    }?;
     if !known {
-        outcome.outside.push("settings of nobody");
+        outcome.outside.push("unknown settings");
     }
     Ok(outcome)
 }

@@ -3,20 +3,22 @@
 //!
 //! A case is its number: the same seed and number give the same case on any machine.
 
+pub mod ablation;
 pub mod bounds;
 pub mod campaign;
 mod instruments;
 pub mod kind;
+mod memory;
 pub mod outcome;
 mod plant;
 pub mod report;
 pub mod run;
 pub mod unit;
 
-use crate::bench::closed_loop::{CHECKED_S, Finger};
+use crate::bench::person::{CHECKED_S, Finger};
 use crate::rig::Rig;
 use kind::{Inject, KINDS, Kind};
-use muscle_plant::effects::Effect;
+use muscle_plant::effects::{Effect, slack};
 use muscle_plant::nominal::Load;
 use outcome::END_S;
 pub use plant::Hardware;
@@ -172,24 +174,14 @@ fn rig(kind: &Kind, random: &mut impl Rng) -> Rig {
     if let Some(valve) = &mut rig.nominal.valve {
         within(&mut valve.flow_gain_kg_per_pa_s, 0.2);
     }
-    // A rope does not push.
-    let catalogue = rig.catalogue.clone();
-    let mut add = |name: &str, form: Option<usize>| {
-        let kinds = catalogue.kinds().filter(|kind| kind.name == name);
-        rig.effects.extend(kinds.map(|kind| {
-            let form = &kind.forms[form.unwrap_or(0)];
-            let values = form.parameters.iter().map(|p| p.usual).collect();
-            Effect { kind, form, values }
-        }));
-    };
     if kind.inject == Inject::Healthy {
-        let kinds: Vec<_> = catalogue.kinds().collect();
+        let kinds: Vec<_> = rig.catalogue.kinds().collect();
         let effect = kinds[random.random_range(0..kinds.len())];
-        add(
-            effect.name,
-            Some(random.random_range(0..effect.forms.len())),
-        );
+        let form = &effect.forms[random.random_range(0..effect.forms.len())];
+        rig.effects.push(Effect::typical(effect, form));
     }
-    add("slack", None);
+    // A rope does not push.
+    let slack = Effect::typical(&slack::KIND, &slack::KIND.forms[0]);
+    rig.effects.push(slack);
     rig
 }

@@ -4,7 +4,7 @@ use super::bounds::Bounds;
 use super::kind::{Inject, Latched};
 use super::unit::Told;
 use super::{AFTER_S, Case, Moment};
-use model_core::settings::STOP_CONTRACTION;
+use model_core::limits::STOP_CONTRACTION;
 use model_core::supervisor::{Fault, Mode};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::Simulation;
@@ -66,13 +66,13 @@ impl Outcome {
 }
 
 fn in_words<S: Serializer>(mode: &Mode, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&format_args!("{mode:?}"))
+    serializer.serialize_str(mode.name())
 }
 
 fn maybe_in_words<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
     match fault {
         None => serializer.serialize_none(),
-        Some(fault) => serializer.collect_str(&format_args!("{fault:?}")),
+        Some(fault) => serializer.serialize_str(fault.name()),
     }
 }
 

@@ -1,10 +1,10 @@
 //! The campaign in words, tables and JSON.
 
 use super::Hardware;
+use super::ablation::SafetyFunction;
 use super::kind::{Decides, KINDS, Kind};
 use super::outcome::Outcome;
 use crate::report::{Report, Section, Table};
-use model_core::safety::SafetyFunction;
 use serde::Serialize;
 use std::cmp::Ordering;
 
@@ -133,11 +133,11 @@ impl OfKind {
             speed_m_per_s_final_max: largest(outcomes, |o| o.speed_m_per_s_final),
             rise_m_max: largest(outcomes, |o| o.rise_m),
             pressure_pa_max: largest(outcomes, |o| o.pressure_pa_max),
-            modes: tally(outcomes.iter().map(|o| format!("{:?}", o.mode))),
+            modes: tally(outcomes.iter().map(|o| o.mode.name().into())),
             reasons: tally(
                 outcomes
                     .iter()
-                    .filter_map(|o| Some(format!("{:?}", o.reason?))),
+                    .filter_map(|o| Some(o.reason?.name().into())),
             ),
             worst_case: worst.map_or(0, |worst| worst.case),
             worst_share: worst.map_or(0.0, share),
@@ -235,7 +235,7 @@ impl Lacking {
             rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal)
         });
         Lacking {
-            without: format!("{function:?}"),
+            without: function.name().into(),
             cases: outcomes.len(),
             outside: outside.len(),
             moved: outside.iter().filter(|o| o.has_moved()).count(),
@@ -396,7 +396,7 @@ fn cases_table(summary: &Summary) -> Table {
             ),
             outcome
                 .reason
-                .map_or("–".into(), |reason| format!("{reason:?}")),
+                .map_or("–".into(), |reason| reason.name().into()),
         ]
     };
     Table {

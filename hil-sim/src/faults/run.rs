@@ -7,7 +7,10 @@ use super::outcome::{Outcome, Watch};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Stored, Told, Unit, frame};
 use super::{ASKS_S, Case, Moment};
-use crate::bench::closed_loop::{self, Experiment, Hand, TICK_S, Tick};
+use crate::bench::board_settings;
+use crate::bench::closed_loop::Run;
+use crate::bench::person::Hand;
+use crate::bench::tick::{TICK_S, Tick};
 use crate::error::BadInput;
 use crate::rig::Rig;
 use model_core::device::{Command, Pins};
@@ -163,7 +166,7 @@ impl<'a> Scene<'a> {
         let plant = plant(case)?;
         let initial = Initial::vented(&plant);
         let drive = Drive::default();
-        let tolerance = Experiment::PAPER.tolerance;
+        let tolerance = Run::PAPER.tolerance;
         Ok(Scene {
             case,
             values,
@@ -237,8 +240,8 @@ impl<'a> Scene<'a> {
         };
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let truth = [
-            finger_force_n + Experiment::PAPER.bridge_noise_n * normal(),
-            reading.pressure.0 + Experiment::PAPER.pressure_noise_pa * normal(),
+            finger_force_n + Run::PAPER.bridge_noise_n * normal(),
+            reading.pressure.0 + Run::PAPER.pressure_noise_pa * normal(),
             reading.contraction * self.hand.initial_length_m,
         ];
         let since_s = fault.map(|(_, since_s)| since_s);
@@ -328,8 +331,8 @@ impl<'a> Scene<'a> {
     fn advance_a_tick(&mut self, time_s: f64, sent_pa: f64) -> Result<f64, BadInput> {
         let (delay_s, slow) = match self.fault(time_s) {
             Some((Inject::Ticks(TickFault::Late), _)) => (self.case.size, false),
-            Some((Inject::ValveSlow, _)) => (Experiment::PAPER.output_delay_s, true),
-            _ => (Experiment::PAPER.output_delay_s, false),
+            Some((Inject::ValveSlow, _)) => (Run::PAPER.output_delay_s, true),
+            _ => (Run::PAPER.output_delay_s, false),
         };
         let (begins_s, ends_s) = (time_s + delay_s, time_s + self.schedule.period_s);
         self.advance(begins_s)?;
@@ -426,6 +429,6 @@ pub fn stored(case: &Case) -> Option<Stored> {
 pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
     match stored(case) {
         Some(stored) => Ok(stored.load()),
-        None => Ok((closed_loop::settings(&Rig::reference())?, true)),
+        None => Ok((board_settings::from_rig(&Rig::reference())?, true)),
     }
 }

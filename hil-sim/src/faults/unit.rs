@@ -1,11 +1,11 @@
 //! What ticks in a case: the device of the firmware, here or on a board.
 
 use super::kind::{Memory, SettingsFault};
-use model_core::controller::Controller;
+use super::memory::{flip_hil, flip_settings, flip_state};
+use model_core::controller::Control;
 use model_core::device::{Command, Device, Pins};
 use model_core::io::{Output, Request};
 use model_core::link::{Decoder, FRAME_LEN_MAX, ToDevice, encode};
-use model_core::safety::SafetyFunction;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{DacCount, EncoderCount};
 use model_core::store::{self, SLOT_LEN};
@@ -37,11 +37,11 @@ pub trait Unit {
     fn damage(&mut self, memory: Memory, copy: usize, bit: usize);
 }
 
-/// The device in this program.
-pub struct OnPc {
-    settings: Settings,
-    without: Option<SafetyFunction>,
-    device: Device,
+/// The firmware's device in this program, with its controller or another one.
+pub struct OnPc<C> {
+    /// The device at power-on.
+    at_power_on: Device<C>,
+    device: Device<C>,
     decoder: Decoder,
     /// Where the encoder was when its counter began at zero.
     counts_from: Option<EncoderCount>,
@@ -50,22 +50,20 @@ pub struct OnPc {
 /// Commands that the firmware queues for a tick.
 const QUEUE_LEN: usize = 15;
 
-impl OnPc {
-    /// A device with these settings, lacking a safety function if one is named.
-    pub fn new(settings: Settings, without: Option<SafetyFunction>) -> OnPc {
-        let mut unit = OnPc {
-            settings,
-            without,
-            device: Device::new(settings),
+impl<C: Control + Clone> OnPc<C> {
+    /// A device with a controller that has just been started.
+    pub fn new(controller: C) -> OnPc<C> {
+        let at_power_on = Device::with_controller(controller);
+        OnPc {
+            device: at_power_on.clone(),
+            at_power_on,
             decoder: Decoder::new(),
             counts_from: None,
-        };
-        unit.restart();
-        unit
+        }
     }
 }
 
-impl Unit for OnPc {
+impl<C: Control + Clone> Unit for OnPc<C> {
     fn skip(&mut self) {}
 
     fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, bytes: &[u8]) -> Told {
@@ -100,20 +98,17 @@ impl Unit for OnPc {
     }
 
     fn restart(&mut self) {
-        self.device = Device::new(self.settings);
+        self.device = self.at_power_on.clone();
         self.decoder = Decoder::new();
         self.counts_from = None;
-        if let Some(function) = self.without {
-            *self.device.controller_mut() = Controller::without(self.settings, function);
-        }
     }
 
     fn damage(&mut self, memory: Memory, copy: usize, bit: usize) {
-        let controller = self.device.controller_mut();
+        let controller = self.device.controller_mut().memory_mut();
         match memory {
-            Memory::State => controller.state_copy(copy).flip(bit),
-            Memory::Settings => controller.settings_copy(copy).flip(bit),
-            Memory::Hil => self.device.flip_hil(copy),
+            Memory::State => flip_state(&mut controller.state.copies_mut()[copy], bit),
+            Memory::Settings => flip_settings(&mut controller.settings.copies_mut()[copy], bit),
+            Memory::Hil => flip_hil(&mut self.device.hil_mut().copies_mut()[copy]),
         }
     }
 }

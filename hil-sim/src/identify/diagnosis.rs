@@ -1,12 +1,14 @@
 //! Finds where simulation and measurement disagree, and which effect is missing.
 //!
-//! [`engine`] fits and predicts, [`choice`] decides, [`left`] tells where residuals live: none of
-//! them knows a muscle. [`muscle`] is the rig as they see it. Here it becomes a diagnosis.
+//! [`model_discrepancy::engine`] fits and predicts, [`model_discrepancy::choice`] decides,
+//! [`model_discrepancy::left`] tells where residuals live: none of them knows a muscle.
+//! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 use super::muscle::{Calibrated, MuscleModel};
 use crate::error::BadInput;
 use crate::identify::gap;
-use crate::identify::simulate::{above_vacuum, simulate, simulated};
+use crate::identify::inputs::above_vacuum;
+use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
@@ -360,7 +362,7 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
         Some(Named {
             name: effect,
             form,
-            place: kind.place,
+            place: kind.subsystem.name(),
             parameters: parameters.collect(),
             alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
             evidence: Evidence {

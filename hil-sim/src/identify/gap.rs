@@ -5,7 +5,7 @@ use crate::report::{Axis, Plot, Report, Section, Series, Table};
 use muscle_plant::simulation::Simulated;
 use serde::Serialize;
 
-/// The signals that are compared, and how they are shown: name, unit, shown value over SI value.
+/// The signals that are compared: column, name, unit in reports, factor from the SI value to it.
 pub(crate) const SIGNALS: [(&str, &str, &str, f64); 3] = [
     (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
     (CONTRACTION, "contraction", "%", 100.0),
@@ -17,17 +17,17 @@ pub(crate) const SIGNALS: [(&str, &str, &str, f64); 3] = [
 pub struct Gap {
     /// The column.
     pub signal: &'static str,
-    /// Samples that were measured.
+    /// Number of measured samples.
     pub samples: usize,
     /// Root mean square of simulated − measured.
     pub rms: f64,
-    /// Largest magnitude of it.
+    /// Largest magnitude of simulated − measured.
     pub max: f64,
-    /// Largest less smallest measured value.
+    /// Largest − smallest measured value.
     pub range: f64,
 }
 
-/// The gap of each signal that was measured and that is no input of the simulation (see
+/// The gap of each measured signal that is not an input of the simulation (see
 /// [`crate::identify::simulate::simulated`]).
 pub fn gaps(measured: &Record, simulated: &Record, which: Simulated) -> Vec<Gap> {
     let outputs = SIGNALS.iter().filter(|(signal, ..)| match *signal {
@@ -58,7 +58,7 @@ pub fn gaps(measured: &Record, simulated: &Record, which: Simulated) -> Vec<Gap>
     gaps.collect()
 }
 
-/// A number with the four digits that say something.
+/// A number with four significant digits.
 pub(crate) fn significant(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -67,7 +67,7 @@ pub(crate) fn significant(value: f64) -> String {
     format!("{value:.*}", (3 - before_point).clamp(0, 9) as usize)
 }
 
-/// Both records in plots, with their gaps in a table.
+/// A report with plots of both records and a table of their gaps.
 pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
     let time_s = measured.time_s();
     let mut plots = Vec::new();
@@ -75,7 +75,7 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
     let mut verdict = Vec::new();
     for gap in gaps {
         let shown = SIGNALS.iter().find(|(signal, ..)| *signal == gap.signal);
-        let (Some((_, name, unit, factor)), Some(was), Some(is)) = (
+        let (Some((_, name, unit, factor)), Some(measured), Some(simulated)) = (
             shown,
             measured.column(gap.signal),
             simulated.column(gap.signal),
@@ -83,7 +83,7 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             continue;
         };
         let percent = match gap.range {
-            // A clamped bench, a constant load.
+            // A clamped bench or a constant load: no share of the range.
             0.0 => String::new(),
             range => format!(", {:.1} % of its range", 100.0 * gap.rms / range),
         };
@@ -98,7 +98,11 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             number(gap.max),
             number(gap.range),
         ]);
-        let differences: Vec<f64> = is.iter().zip(was).map(|(is, was)| is - was).collect();
+        let differences = simulated
+            .iter()
+            .zip(measured)
+            .map(|(simulated, measured)| simulated - measured);
+        let differences: Vec<f64> = differences.collect();
         let plot = |title: String, series: Vec<Series>| Plot {
             title,
             caption: String::new(),
@@ -109,8 +113,8 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             sync: Some("gap".into()),
         };
         let lines = vec![
-            Series::thinned("measured", time_s, was),
-            Series::thinned("simulated", time_s, is).dashed(),
+            Series::thinned("measured", time_s, measured),
+            Series::thinned("simulated", time_s, simulated).dashed(),
         ];
         plots.push(plot(format!("Measured and simulated {name}"), lines));
         let gap = Series::thinned("simulated − measured", time_s, &differences);
@@ -124,7 +128,7 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             heading: "Signals".into(),
             text: Vec::new(),
             tables: vec![Table {
-                caption: "The gap of each measured signal that is no input".into(),
+                caption: "The gap of each measured signal that is not an input".into(),
                 columns: columns.map(String::from).to_vec(),
                 rows,
             }],

@@ -1,42 +1,57 @@
-//! The initial state of a record, estimated from what it measured in its first second.
+//! The initial state of a record, estimated from the measurements of its first second.
 //!
-//! The same way for every rig: a weight whose measured contraction shows no trend at first is at
-//! rest where it was measured; else place and speed are fitted, and in either case the pressure and
-//! the gas's temperature, so that the simulation of the first half second meets the measurements.
+//! The same for every rig: a weight whose measured contraction shows no trend at first is at rest
+//! at the measured contraction; otherwise contraction and rate are fitted. In either case pressure
+//! and gas temperature are fitted. The fit minimizes the squares of simulated − measured over the
+//! first half second.
 
 use crate::design;
 use crate::error::BadInput;
-use crate::identify::simulate::{Inputs, above_vacuum};
+use crate::identify::inputs::{Inputs, above_vacuum};
 use crate::record::{self, Record};
 use crate::rig::Rig;
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use model_core::pressure::GaugePa;
+use model_discrepancy::least_squares::{
+    Goal, OUTLIER, Prior, Problem, Residuals, Slopes, minimize,
+};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::sensors::Reading;
-use nalgebra::{DMatrix, DVector, Dyn, Matrix3, Owned, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::ops::ControlFlow;
 
-/// Only this much of a record is looked at \[s\].
+/// Length of the record's beginning that is used \[s\].
 const LOOK_S: f64 = 1.0;
-/// In this time a weight at rest shows no trend \[s\].
+/// Time over which the contraction of a weight at rest shows no trend \[s\].
 const REST_S: f64 = 0.1;
-/// Simulation and measurement are made to meet over this time \[s\]: some times the one in which a
-/// muscle's gas takes the temperature of its wall.
+/// Time over which the simulation is fitted \[s\]: several time constants of the heat exchange
+/// between gas and wall.
 const FIT_S: f64 = 0.5;
-/// Standard deviation of the gas's temperature about the ambient one, where it was not measured
-/// \[K\]: a fast stroke before the record leaves some tens of kelvin at most.
+/// Standard deviation of the gas temperature about the ambient one if it was not measured \[K\]: a
+/// fast stroke before the record leaves some tens of kelvin at most.
 const TEMPERATURE_PRIOR_K: f64 = 10.0;
-/// Each of these is at least so many samples.
+/// Least temperature of the fit \[K\]: air condenses below.
+const TEMPERATURE_K_MIN: f64 = 80.0;
+/// Least number of samples in each of these times.
 const SAMPLES_MIN: usize = 6;
-/// A slope is a motion when it is so many of its standard errors.
+/// A slope of more than this many standard errors is a motion.
 const SLOPE_ERRORS: f64 = 4.0;
-/// Least noise assumed: contraction \[-\], pressure \[Pa\].
+/// Least standard deviation of the noise: contraction \[-\], pressure \[Pa\].
 const NOISE_MIN: [f64; 2] = [1e-6, 1.0];
 /// Integration tolerance of the fit, fine enough for its difference quotients.
 const TOLERANCE: f64 = 1e-9;
+/// Difference in the unknowns, in units of [`Fit::UNITS`], for difference quotients.
+const STEP: f64 = 1e-3;
+/// When the fit ends: a relative decrease of the squares that moves no unknown by a noticeable
+/// share of its standard error.
+const GOAL: Goal = Goal {
+    relative: 1e-10,
+    absolute: 0.0,
+    evaluations: 60,
+    certain: true,
+};
 
-/// One measured signal's samples.
+/// Samples of one measured signal.
 #[derive(Clone, Debug, Default)]
 struct Samples {
     rows: Vec<usize>,
@@ -63,14 +78,14 @@ impl Samples {
         samples
     }
 
-    /// How many samples lie in the first `span_s`, but at least [`SAMPLES_MIN`] if there are.
+    /// Number of samples in the first `span_s`, but at least [`SAMPLES_MIN`] if there are as many.
     fn within(&self, span_s: f64) -> usize {
         let count = self.time_s.partition_point(|time_s| *time_s <= span_s);
         count.max(SAMPLES_MIN).min(self.values.len())
     }
 
-    /// Standard deviation of the noise, from second differences (which a smooth signal leaves
-    /// small) and their median (which a few jumps do not move).
+    /// Standard deviation of the noise, from the median magnitude of second differences: a smooth
+    /// signal contributes little to them, and a few jumps do not move their median.
     fn noise(&self) -> f64 {
         let triples = self.values.windows(3);
         let mut differences: Vec<f64> = triples.map(|v| (v[0] - 2.0 * v[1] + v[2]).abs()).collect();
@@ -78,13 +93,14 @@ impl Samples {
             return 0.0;
         }
         differences.sort_by(f64::total_cmp);
-        // Of white noise: σ√6, whose median magnitude is 0.6745 of that.
+        // Second differences of white noise have the standard deviation σ√6, and their median
+        // magnitude is 0.6745 of that.
         differences[differences.len() / 2] / (0.6745 * 6.0_f64.sqrt())
     }
 }
 
-/// Value and slope \[1/s\] at time 0 of the weight, from the begin of its samples.
-fn place_and_rate(samples: &Samples) -> (f64, f64) {
+/// Contraction and its rate \[1/s\] at the first row, from the first samples of the contraction.
+fn contraction_and_rate(samples: &Samples) -> (f64, f64) {
     let count = samples.within(REST_S);
     let (time_s, values) = (&samples.time_s[..count], &samples.values[..count]);
     let size = count as f64;
@@ -101,7 +117,7 @@ fn place_and_rate(samples: &Samples) -> (f64, f64) {
     if slope.abs() <= SLOPE_ERRORS * noise / spread.sqrt() {
         return (mean, 0.0);
     }
-    // Moving: a parabola gives the fit its start.
+    // The weight moves: the fit starts from a parabola's value and slope.
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for (t, v) in time_s.iter().zip(values) {
         let powers = Vector3::new(1.0, *t, t * t);
@@ -114,10 +130,10 @@ fn place_and_rate(samples: &Samples) -> (f64, f64) {
     }
 }
 
-/// The initial state for simulating `rig` with `inputs` of `record`.
+/// The initial state for a simulation of `rig` with the `inputs` of `record`.
 ///
 /// # Errors
-/// Rig and record do not fit together.
+/// The rig lacks a section that the record asks for, or the first pressure is below vacuum.
 pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<Initial, BadInput> {
     let plant = rig.plant(inputs.simulated)?;
     let time_s = record.time_s()[0];
@@ -140,7 +156,7 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
             let (row, pressure) = (measured_pressure.rows[0], truth(*first, 0.0).pressure);
             above_vacuum(plant.atmospheric, record, row, pressure)?
         }
-        // The valve takes the muscle to its reference, as far as the supply reaches.
+        // The pressure at which the valve holds the muscle: the reference, at most the supply.
         (None, None) => {
             let drive = inputs.drive(0);
             let nominal = rig.require_valve()?.supply_pressure;
@@ -151,8 +167,8 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
     let (contraction, contraction_rate_per_s) = match (inputs.contraction(0), &rig.nominal.load) {
         (Some(input), _) => (input, inputs.drive(0).contraction_rate_per_s),
         (None, _) if !measured_contraction.values.is_empty() => {
-            let (place, rate) = place_and_rate(&measured_contraction);
-            (truth(0.0, place).contraction.max(0.0), rate)
+            let (contraction, rate) = contraction_and_rate(&measured_contraction);
+            (truth(0.0, contraction).contraction.max(0.0), rate)
         }
         (None, Load::Weight(weight)) => {
             let hanging = design::equilibrium(&rig.nominal.muscle, pressure, weight.mass_kg);
@@ -172,11 +188,11 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
     };
     let moving = inputs.simulated.motion && contraction_rate_per_s != 0.0;
     let measured = [measured_contraction, measured_pressure];
-    let warm = temperature.values.is_empty();
-    Ok(Fit::new(rig, inputs, start, measured, moving, warm).solve())
+    let temperature_unknown = temperature.values.is_empty();
+    Ok(Fit::new(rig, inputs, start, measured, moving, temperature_unknown).solve())
 }
 
-/// The unknown part of the initial state, and the measurements it is to meet.
+/// The fit of the unknown part of the initial state to measurements.
 struct Fit<'a> {
     rig: &'a Rig,
     inputs: &'a Inputs<'a>,
@@ -189,8 +205,10 @@ struct Fit<'a> {
     temperature: bool,
     /// Contraction and pressure: samples, and one over their noise.
     measured: [(Samples, f64); 2],
-    /// Deviations from `start`, in units of [`Fit::UNITS`].
-    parameters: DVector<f64>,
+    /// Factor of all residuals. It keeps the largest residual at the start, and so every residual
+    /// of a better point, within [`OUTLIER`]: there the loss is the square, and the minimum does
+    /// not depend on the factor.
+    scale: f64,
 }
 
 impl<'a> Fit<'a> {
@@ -204,7 +222,7 @@ impl<'a> Fit<'a> {
         start: Initial,
         [mut contraction, mut pressure]: [Samples; 2],
         moving: bool,
-        warm: bool,
+        temperature_unknown: bool,
     ) -> Self {
         let noise = [
             contraction.noise().max(NOISE_MIN[0]),
@@ -219,12 +237,7 @@ impl<'a> Fit<'a> {
         } else {
             0
         });
-        let temperature = fits_pressure && warm && pressure.rows.len() > SAMPLES_MIN;
-        let unknowns = 2 * usize::from(moving)
-            + [fits_pressure, temperature]
-                .map(usize::from)
-                .iter()
-                .sum::<usize>();
+        let temperature = fits_pressure && temperature_unknown && pressure.rows.len() > SAMPLES_MIN;
         Fit {
             rig,
             inputs,
@@ -233,36 +246,45 @@ impl<'a> Fit<'a> {
             pressure: fits_pressure,
             temperature,
             measured: [(contraction, 1.0 / noise[0]), (pressure, 1.0 / noise[1])],
-            parameters: DVector::zeros(unknowns),
+            scale: 1.0,
         }
     }
 
-    fn initial(&self, parameters: &DVector<f64>) -> Initial {
+    /// The units of the unknowns that are fitted, in the order of the coordinates.
+    fn units(&self) -> Vec<f64> {
+        let fitted = [self.moving, self.moving, self.pressure, self.temperature];
+        let units = Self::UNITS.into_iter().zip(fitted);
+        units
+            .filter_map(|(unit, fitted)| fitted.then_some(unit))
+            .collect()
+    }
+
+    /// The state at `x`, deviations from the start in units of [`Fit::UNITS`].
+    fn initial(&self, x: &DVector<f64>) -> Initial {
         let mut initial = self.start;
-        let mut values = parameters.iter();
+        let mut deviations = x.iter();
+        let mut next = |unit: f64| deviations.next().map_or(0.0, |deviation| deviation * unit);
         if self.moving {
-            let place = values.next().map_or(0.0, |value| value * Self::UNITS[0]);
-            let rate = values.next().map_or(0.0, |value| value * Self::UNITS[1]);
-            initial.contraction = (initial.contraction + place).max(0.0);
-            initial.contraction_rate_per_s += rate;
+            initial.contraction = (initial.contraction + next(Self::UNITS[0])).max(0.0);
+            initial.contraction_rate_per_s += next(Self::UNITS[1]);
         }
         if self.pressure {
-            initial.pressure.0 += values.next().map_or(0.0, |value| value * Self::UNITS[2]);
+            initial.pressure.0 += next(Self::UNITS[2]);
         }
         if self.temperature {
-            initial.temperature_k += values.next().map_or(0.0, |value| value * Self::UNITS[3]);
+            initial.temperature_k += next(Self::UNITS[3]);
         }
         initial
     }
 
-    /// Simulation less measurement, in units of the noise; `None` where there is no simulation.
-    fn differences(&self, parameters: &DVector<f64>) -> Option<DVector<f64>> {
+    /// Simulated − measured in units of the noise; `None` if the simulation fails.
+    fn differences(&self, x: &DVector<f64>) -> Option<Vec<f64>> {
         let [(contraction, per_contraction), (pressure, per_pressure)] = &self.measured;
         let last = contraction.rows.iter().chain(&pressure.rows).max()?;
         let plant = self.rig.plant(self.inputs.simulated).ok()?;
         let mut differences = Vec::new();
         let mut readings = Vec::with_capacity(last + 1);
-        let initial = self.initial(parameters);
+        let initial = self.initial(x);
         let visit = |_: usize, simulation: &Simulation| {
             readings.push(simulation.read());
             ControlFlow::Continue(())
@@ -276,58 +298,117 @@ impl<'a> Fit<'a> {
         for (row, value) in pressure.rows.iter().zip(&pressure.values) {
             differences.push((readings[*row].pressure.0 - value) * per_pressure);
         }
-        if self.temperature {
-            let warmer_k = initial.temperature_k - self.start.temperature_k;
-            differences.push(warmer_k / TEMPERATURE_PRIOR_K);
-        }
-        Some(DVector::from_vec(differences))
+        Some(differences)
     }
 
-    fn solve(self) -> Initial {
-        let measured: usize = self
-            .measured
-            .iter()
-            .map(|(samples, _)| samples.rows.len())
-            .sum();
-        if self.parameters.is_empty() || measured < self.parameters.len() {
+    fn solve(mut self) -> Initial {
+        let samples = self.measured.iter().map(|(samples, _)| samples.rows.len());
+        let start = DVector::zeros(self.units().len());
+        if start.is_empty() || samples.sum::<usize>() < start.len() {
             return self.start;
         }
-        let (fit, report) = LevenbergMarquardt::new().with_patience(10).minimize(self);
-        if report.termination.was_successful() {
-            fit.initial(&fit.parameters)
-        } else {
-            fit.start
+        let Some(differences) = self.differences(&start) else {
+            return self.start;
+        };
+        let norm = DVector::from_vec(differences).norm();
+        self.scale = OUTLIER / norm.max(OUTLIER);
+        match minimize(&mut self, start, GOAL) {
+            Some(found) => self.initial(&found.x),
+            None => self.start,
         }
     }
 }
 
-impl LeastSquaresProblem<f64, Dyn, Dyn> for Fit<'_> {
-    type ParameterStorage = Owned<f64, Dyn>;
-    type ResidualStorage = Owned<f64, Dyn>;
-    type JacobianStorage = Owned<f64, Dyn, Dyn>;
-
-    fn set_params(&mut self, parameters: &DVector<f64>) {
-        self.parameters.copy_from(parameters);
+impl Problem for Fit<'_> {
+    fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
+        let differences = self.differences(x)?;
+        let scaled = differences.iter().map(|difference| self.scale * difference);
+        Some(Residuals::exact(scaled.collect()))
     }
 
-    fn params(&self) -> DVector<f64> {
-        self.parameters.clone()
-    }
-
-    fn residuals(&self) -> Option<DVector<f64>> {
-        self.differences(&self.parameters)
-    }
-
-    fn jacobian(&self) -> Option<DMatrix<f64>> {
-        const STEP: f64 = 1e-3;
-        let base = self.residuals()?;
-        let mut jacobian = DMatrix::zeros(base.len(), self.parameters.len());
-        for column in 0..self.parameters.len() {
-            let mut moved = self.parameters.clone();
-            moved[column] += STEP;
-            let change = (self.differences(&moved)? - &base) / STEP;
-            jacobian.set_column(column, &change);
+    fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes> {
+        let rows = residuals.values.len();
+        let mut values = DMatrix::zeros(rows, x.len());
+        for (place, mut column) in values.column_iter_mut().enumerate() {
+            let mut moved = x.clone();
+            moved[place] += STEP;
+            let moved = self.residuals(&moved)?;
+            let pairs = moved.values.iter().zip(&residuals.values);
+            for (slope, (moved, base)) in column.iter_mut().zip(pairs) {
+                *slope = (moved - base) / STEP;
+            }
         }
-        Some(jacobian)
+        let slack = DMatrix::zeros(rows, x.len());
+        Some(Slopes { values, slack })
+    }
+
+    /// Of the temperature, which is the last coordinate; the others have none.
+    fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {
+        let mut priors = vec![(0.0, 0.0); x.len()];
+        if let (true, Some(prior)) = (self.temperature, priors.last_mut()) {
+            let slope = self.scale * Self::UNITS[3] / TEMPERATURE_PRIOR_K;
+            *prior = (slope * x[x.len() - 1], slope);
+        }
+        priors
+    }
+
+    /// Keeps the contraction at or above the weight's stop at 0, and the temperature above that at
+    /// which air condenses.
+    fn bounded(&self, mut x: DVector<f64>) -> DVector<f64> {
+        if self.moving {
+            x[0] = x[0].max(-self.start.contraction / Self::UNITS[0]);
+        }
+        if let (true, Some(deviation)) = (self.temperature, x.as_mut_slice().last_mut()) {
+            let least_k = TEMPERATURE_K_MIN - self.start.temperature_k;
+            *deviation = deviation.max(least_k / Self::UNITS[3]);
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first second of a rig that starts from `truth`, without noise.
+    fn record(rig: &Rig, truth: &Initial) -> Record {
+        let time_s: Vec<f64> = (0..200).map(|row| 0.005 * f64::from(row)).collect();
+        let mut record = Record::new(time_s.clone());
+        record.set(record::PRESSURE_REF_PA, vec![2.5e5; time_s.len()]);
+        let (mut pressure_pa, mut contraction) = (Vec::new(), Vec::new());
+        let inputs = Inputs::new(rig, &record).expect("the inputs of the rig");
+        let plant = rig.plant(inputs.simulated).expect("a plant");
+        let visit = |_: usize, simulation: &Simulation| {
+            let reading = simulation.read();
+            pressure_pa.push(reading.pressure.0);
+            contraction.push(reading.contraction);
+            ControlFlow::Continue(())
+        };
+        let run = inputs.run(plant, truth, TOLERANCE, time_s.len(), visit);
+        run.expect("a simulation");
+        record.set(record::PRESSURE_PA, pressure_pa);
+        record.set(record::CONTRACTION, contraction);
+        record
+    }
+
+    #[test]
+    fn the_state_of_a_record_that_starts_in_motion_is_recovered() {
+        let rig = Rig::reference();
+        let truth = Initial {
+            time_s: 0.0,
+            contraction: 0.08,
+            contraction_rate_per_s: 0.2,
+            pressure: GaugePa(2.0e5),
+            temperature_k: 298.0,
+        };
+        let record = record(&rig, &truth);
+        let inputs = Inputs::new(&rig, &record).expect("the inputs of the rig");
+        let initial = estimate(&rig, &record, &inputs).expect("an estimate");
+        // A hundredth of the least noise, and for rate and temperature what follows from it.
+        assert!((initial.contraction - truth.contraction).abs() < 1e-8);
+        let rate_per_s = initial.contraction_rate_per_s;
+        assert!((rate_per_s - truth.contraction_rate_per_s).abs() < 1e-6);
+        assert!((initial.pressure.0 - truth.pressure.0).abs() < 1e-2);
+        assert!((initial.temperature_k - truth.temperature_k).abs() < 1e-2);
     }
 }

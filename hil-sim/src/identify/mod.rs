@@ -4,6 +4,7 @@
 pub mod diagnosis;
 pub mod gap;
 mod initial;
+mod inputs;
 pub mod muscle;
 pub mod repeats;
 pub mod report;

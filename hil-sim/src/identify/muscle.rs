@@ -26,7 +26,7 @@ use force::{Force, Forces};
 use model_discrepancy::choice::NOISE_ONLY;
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use model_discrepancy::least_squares::Residuals;
-use muscle_plant::effects::{Catalogue, Effect};
+use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement};
 use muscle_plant::nominal::Load;
 pub use prepared::Noise;
 use prepared::Prepared;
@@ -92,27 +92,23 @@ fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
 }
 
 /// The blocks that an effect changes.
-fn blocks_of_effect(name: &str, place: &str) -> &'static [&'static str] {
-    match (name, place) {
-        ("line-dynamics", _) => &[GAS, FORCE],
-        ("contraction-sensor-offset" | "backlash", _) => &[GAS, FORCE, LOAD],
-        // Where the force is measured, the balance of the load is taken with it.
-        ("force-sensor-offset", _) => &[FORCE, LOAD],
-        (_, "sensor") => &[GAS, FORCE],
-        (_, "muscle-force") => &[FORCE],
-        (_, "load") => &[LOAD],
-        _ => &[GAS],
-    }
+fn blocks_of_effect(kind: &EffectKind) -> Vec<&'static str> {
+    kind.equations
+        .iter()
+        .map(|equation| match equation {
+            Equation::Gas => GAS,
+            Equation::MuscleForce => FORCE,
+            Equation::Load => LOAD,
+        })
+        .collect()
 }
 
 /// Whether records can show an effect at all: what they measure and move.
-fn can_show(name: &str, place: &str, force_measured: bool, contraction_moves: bool) -> bool {
-    match (name, place) {
-        ("force-sensor-offset", _) => force_measured,
-        // It is in the contraction's direction and way; at rest it is a constant that others are.
-        ("hysteresis", _) | (_, "load") => contraction_moves,
-        _ => true,
-    }
+fn can_show(kind: &EffectKind, force_measured: bool, contraction_moves: bool) -> bool {
+    kind.requires.iter().all(|requirement| match requirement {
+        Requirement::MeasuredForce => force_measured,
+        Requirement::Motion => contraction_moves,
+    })
 }
 
 impl MuscleModel {
@@ -163,8 +159,7 @@ impl MuscleModel {
         let nominal = |tolerance: &Tolerance| places(blocks_of(&tolerance.section, &tolerance.key));
         let nominal_blocks = rig.tolerances.iter().map(nominal).collect();
         let kinds = rig.catalogue.kinds().filter(|kind| {
-            !without.iter().any(|name| name == kind.name)
-                && can_show(kind.name, kind.place, has(FORCE_N), moves)
+            !without.iter().any(|name| name == kind.name) && can_show(kind, has(FORCE_N), moves)
         });
         let forms = kinds.flat_map(|kind| kind.forms.iter().map(move |form| (kind, form)));
         let candidates = forms.map(|(kind, form)| Candidate {
@@ -177,14 +172,14 @@ impl MuscleModel {
                     name: p.name,
                     unit: p.unit,
                     range: (p.min, p.max),
-                    usual: p.usual,
+                    usual: p.typical,
                     log: p.log,
                     neutral: p.neutral,
-                    ends: p.ends,
+                    ends: p.physical_bounds,
                 })
                 .collect(),
-            blocks: places(blocks_of_effect(kind.name, kind.place)),
-            form_doubt: kind.form_doubt(),
+            blocks: places(&blocks_of_effect(kind)),
+            form_doubt: kind.discrepancy_ratio,
         });
         // An effect on no block that was measured cannot be seen.
         let candidates = candidates

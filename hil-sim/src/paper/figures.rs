@@ -1,6 +1,6 @@
 //! The paper's figures 1, 2 and 5 from the model.
 
-use super::{VALVES, with_flow_gain};
+use super::{FIG_2_CONTRACTION, VALVES, with_flow_gain};
 use crate::bench::tick::TICK_S;
 use crate::design::{self, bode::linspace};
 use crate::error::BadInput;

@@ -1,16 +1,17 @@
 //! The paper's experiments and figures, ours beside what the paper says.
 
-use crate::bench::closed_loop::{self, Experiment, TICK_S, Tick, Tracking};
+mod figures;
+
+use crate::bench::assist_run::{AssistRun, assist, assist_plots, milliseconds, tracking_table};
+use crate::bench::closed_loop::Run;
+use crate::bench::tracking::Tracking;
+use crate::design::bode::bode;
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
-use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
+use crate::report::{Plot, Report, Section, Table};
 use crate::rig::Rig;
-use model_core::controller::Controller;
+use figures::{fig_1, fig_2, fig_5};
 use model_core::pressure::GaugePa;
-use model_core::settings::Settings;
-use muscle_plant::simulation::{Drive, Plant, Simulated};
-use muscle_plant::simulation::{Initial, Simulation, TOLERANCE};
-use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use serde::Serialize;
 
 /// Flow gain of valve A, a nozzle flapper \[kg/(Pa·s)\] (§3.1).
@@ -82,14 +83,10 @@ pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
 ///
 /// # Errors
 /// As [`assist`].
-pub fn both_valves(
-    rig: &Rig,
-    experiment: &Experiment,
-    tick_done: &dyn Fn(),
-) -> Result<Vec<AssistRun>, BadInput> {
+pub fn both_valves(rig: &Rig, run: &Run, tick_done: &dyn Fn()) -> Result<Vec<AssistRun>, BadInput> {
     VALVES
         .iter()
-        .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, experiment, tick_done))
+        .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, run, tick_done))
         .collect()
 }
 
@@ -97,10 +94,7 @@ pub fn both_valves(
 ///
 /// # Errors
 /// The rig lacks something; a run left physics.
-pub fn paper(
-    rig: &Rig,
-    experiment: &Experiment,
-) -> Result<(Report, Summary, Vec<AssistRun>), BadInput> {
+pub fn paper(rig: &Rig, run: &Run) -> Result<(Report, Summary, Vec<AssistRun>), BadInput> {
     let (fig_1, friction_loop_contraction) = fig_1(rig)?;
     let (fig_2, volume_ratio) = fig_2(rig)?;
     let mass_kg = design::weight(rig)?.mass_kg;
@@ -108,7 +102,7 @@ pub fn paper(
         let linear = design::linearise(&with_flow_gain(rig, gain)?, FIG_7_PRESSURE, mass_kg)?;
         linear.ok_or_else(|| rig.bad("muscle.alpha_m2", "a muscle that lifts at 400 kPa"))
     };
-    let runs = both_valves(rig, experiment, &|| ())?;
+    let runs = both_valves(rig, run, &|| ())?;
     let [a, b] = VALVES.map(|(_, gain)| at_400_kpa(gain));
     let (a, b) = (a?, b?);
     let needed = a.flow_gain_needed_kg_per_pa_s;

@@ -86,11 +86,11 @@ pub const COLUMNS: [Column; 23] = [
         Cell::Number(row.output.reference_force_n.into())
     }),
     (record::MODE, true, |row| {
-        Cell::Text(format!("{:?}", row.output.mode))
+        Cell::Text(row.output.mode.name().into())
     }),
     (record::FAULT, true, |row| match row.output.fault {
         None => Cell::Missing,
-        Some(fault) => Cell::Text(format!("{fault:?}")),
+        Some(fault) => Cell::Text(fault.name().into()),
     }),
     (record::BRIDGE_COUNT, false, |row| {
         Cell::Number(row.sensors.bridge.0.into())
@@ -105,7 +105,7 @@ pub const COLUMNS: [Column; 23] = [
         Cell::Number(row.sensors.missed_ticks.into())
     }),
     (record::REQUEST, true, |row| {
-        Cell::Text(format!("{:?}", row.sensors.request))
+        Cell::Text(row.sensors.request.to_string())
     }),
     (record::VALVE_COUNT, false, |row| {
         Cell::Number(row.output.valve.get().into())

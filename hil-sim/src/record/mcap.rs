@@ -1,5 +1,5 @@
-//! Records as MCAP, which Foxglove and PlotJuggler open: one channel of JSON messages, one a tick,
-//! with the CSV's columns as fields and a schema that says so.
+//! Records as MCAP, the format of Foxglove and PlotJuggler: one channel of JSON messages, one per
+//! tick, with the columns of the CSV as fields, and their JSON schema.
 
 use crate::error::BadInput;
 use crate::output::NotWritten;
@@ -15,7 +15,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
 
-/// Longer is no tick, and no chunk of them \[bytes\].
+/// Longest MCAP record that is read, above any chunk that [`McapWriter`] writes \[bytes\].
 const RECORD_LEN_MAX: usize = 1 << 26;
 /// The channel's name.
 const TOPIC: &str = "/assist";
@@ -29,14 +29,14 @@ pub struct McapWriter {
 }
 
 impl McapWriter {
-    /// Begins the file.
+    /// Creates the file at `path` with schema and channel.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn create(path: &Path) -> Result<McapWriter, NotWritten> {
         let name = path.display().to_string();
         let begin = || {
-            // Without seeking each chunk is written at once and whole.
+            // Without seeking, each chunk is written whole and at once.
             let options = WriteOptions::new().compression(None).disable_seeking(true);
             let mut writer = options.create(BufWriter::new(File::create(path)?))?;
             let schema = schema().to_string();
@@ -123,11 +123,11 @@ fn schema() -> Value {
     })
 }
 
-/// The messages on [`TOPIC`]. A chunk that was cut off ends the file.
+/// The messages on [`TOPIC`]. An incomplete chunk ends the file.
 fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
     let options = LinearReaderOptions::default()
         .with_skip_end_magic(true)
-        // Without one the crate adds to a length that may be any.
+        // Without a limit the crate's arithmetic on a damaged length may overflow.
         .with_record_length_limit(RECORD_LEN_MAX);
     let mut reader = LinearReader::new_with_options(options);
     let (mut channels, mut messages) = (Vec::new(), Vec::new());
@@ -141,7 +141,7 @@ fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
                 rest = later;
                 continue;
             }
-            // The crate panics at an attachment that is too short, and none is needed.
+            // Attachments are not needed, and the crate panics at one that is too short.
             Ok(LinearReadEvent::Record { data, opcode }) => match opcode {
                 op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
                 _ => Ok(None),
@@ -166,10 +166,10 @@ fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
     Ok(messages)
 }
 
-/// Reads a record that [`McapWriter`] has written; of a file that is cut off, what is whole.
+/// Reads a record that [`McapWriter`] wrote. Of a truncated file the complete chunks are read.
 ///
 /// # Errors
-/// It is no such file, or holds no ticks.
+/// The file cannot be read, is not such a file, or holds no ticks.
 pub fn read(path: &Path) -> Result<Record, BadInput> {
     let name = path.display().to_string();
     let bytes = std::fs::read(path)
@@ -177,7 +177,7 @@ pub fn read(path: &Path) -> Result<Record, BadInput> {
     parse(&name, &bytes)
 }
 
-/// Reads the same from the bytes of the file `name`.
+/// Reads a record from the bytes of the file `name`, as [`read`].
 ///
 /// # Errors
 /// As [`read`].

@@ -7,7 +7,7 @@ mod wander;
 
 pub use wander::wander;
 
-use hil_sim::bench::link::{Port, PortError};
+use hil_sim::bench::port::client::{Transport, TransportError};
 use model_core::device::{Command, Device, Pins};
 use model_core::io::{Request, Sensors};
 use model_core::link::{
@@ -21,7 +21,8 @@ use serde::Serialize;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-const TICK: Duration = Duration::from_millis(10);
+/// The board's tick.
+pub const TICK: Duration = Duration::from_millis(10);
 const QUEUE: usize = 15;
 
 /// What happens to bytes, each with so many chances in 65 536.
@@ -79,6 +80,11 @@ impl DeviceBoard {
             random: seed | 1,
             frames_rejected: 0,
         }
+    }
+
+    /// Ticks since the beginning.
+    pub fn ticks(&self) -> u32 {
+        self.ticks
     }
 
     fn chance(&mut self, of_65536: u16) -> bool {
@@ -190,8 +196,8 @@ impl DeviceBoard {
     }
 }
 
-impl Port for DeviceBoard {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+impl Transport for DeviceBoard {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError> {
         for byte in self.over_the_wire(bytes) {
             match self.decoder.push(byte) {
                 Some(Ok(message)) => self.hear(message),
@@ -202,7 +208,11 @@ impl Port for DeviceBoard {
         Ok(())
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, PortError> {
+    fn receive(
+        &mut self,
+        received: &mut Vec<u8>,
+        wait: Duration,
+    ) -> Result<Duration, TransportError> {
         let mut passed = Duration::ZERO;
         if self.to_pc.is_empty() {
             passed = self.to_next_tick.min(wait);

@@ -1,6 +1,9 @@
 //! Random use for hours, and what must not come of it; the emulated board's tests include this too.
 
-use hil_sim::bench::closed_loop::{self, Experiment, Finger, TICK_S, Tick, Ticker};
+use hil_sim::bench::closed_loop::{self, Run};
+use hil_sim::bench::person::Finger;
+use hil_sim::bench::port::ControllerPort;
+use hil_sim::bench::tick::{TICK_S, Tick};
 use hil_sim::error::BadInput;
 use hil_sim::rig::Rig;
 use model_core::io::{Output, Request, Sensors};
@@ -110,7 +113,7 @@ impl<F> Soak<F> {
     }
 }
 
-impl<F: FnMut(&Sensors) -> Output> Ticker for Soak<F> {
+impl<F: FnMut(&Sensors) -> Output> ControllerPort for Soak<F> {
     type Error = BadInput;
 
     fn tick(&mut self, sensors: &Sensors) -> Result<Output, BadInput> {
@@ -127,7 +130,7 @@ impl<F: FnMut(&Sensors) -> Output> Ticker for Soak<F> {
         Ok(output)
     }
 
-    fn seen(&mut self, tick: Tick) -> Result<(), BadInput> {
+    fn observe(&mut self, tick: Tick) -> Result<(), BadInput> {
         let (output, at_s) = (&tick.output, tick.time_s);
         // Who pulls while the board checks itself is told so; there is no other fault.
         let fault = output.fault;
@@ -168,11 +171,11 @@ impl<F: FnMut(&Sensors) -> Output> Ticker for Soak<F> {
 pub fn soak(hours: f64, settings: &Settings, tick: impl FnMut(&Sensors) -> Output) {
     let mut random = Random(1);
     let duration_s = 3600.0 * hours;
-    let experiment = Experiment {
+    let experiment = Run {
         finger: finger(duration_s, &mut random),
         arm_stiffness_n_per_m: 1500.0,
         duration_s,
-        ..Experiment::PAPER
+        ..Run::PAPER
     };
     let values = settings.values();
     let mut soak = Soak {
@@ -186,7 +189,7 @@ pub fn soak(hours: f64, settings: &Settings, tick: impl FnMut(&Sensors) -> Outpu
         entered: BTreeMap::new(),
         encoder_counts_max: 0.0,
     };
-    closed_loop::run_with(&Rig::reference(), settings, &experiment, &mut soak).expect("it runs");
+    closed_loop::run_on(&Rig::reference(), settings, &experiment, &mut soak).expect("it runs");
     let ticks: usize = soak.hours.iter().map(|hour| hour.ticks).sum();
     assert_eq!(
         ticks,

@@ -28,7 +28,7 @@ impl Catalogue {
     /// Every effect, subsystem by subsystem.
     pub fn kinds(&self) -> impl Iterator<Item = &'static EffectKind> + Clone + use<> {
         let kinds = Arc::clone(&self.kinds);
-        (0..kinds.len()).map(move |place| kinds[place])
+        (0..kinds.len()).map(move |index| kinds[index])
     }
 
     /// The effect of that name.

@@ -1,20 +1,29 @@
-//! `contraction-sensor-offset`: the encoder lost its homing.
+//! `contraction-sensor-offset`: the encoder's zero is off, as after a lost homing.
 
-use super::{EffectKind, Form, Parameter};
-use crate::subsystem::Term;
+use super::{CompensationMethod, EffectKind, Equation, Form, Parameter};
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::subsystem::term::Dynamics;
+use crate::subsystem::{Subsystem, Term};
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "contraction-sensor-offset",
-    place: "sensor",
-    signature: "The force law holds at a shifted contraction; the dynamics are untouched.",
+    subsystem: Subsystem::Sensor,
+    equations: &[Equation::Gas, Equation::MuscleForce, Equation::Load],
+    requires: &[],
+    signature: "The force law holds at a shifted contraction; the dynamics are unchanged.",
     test_signal: "the muscle vented and hung free: the encoder must read zero.",
+    discrepancy_ratio: 0.0,
+    compensation: CompensationMethod::Unavailable(
+        "not needed: the self-check sets the encoder's zero where the weight rests",
+    ),
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset", "1", (-0.2, 0.2), 0.01).neutral(0.0)],
-        source: "Reading = truth + offset, in contraction. Leaves out lost counts while it moves.",
+        source: "Reading = truth + offset, in contraction. Leaves out counts that are lost during \
+                 motion.",
         build: |values| Term::Sensor(Box::new(ContractionSensorOffset { offset: values[0] })),
+        observation: None,
     }],
 };
 
@@ -27,5 +36,20 @@ impl Dynamics<SensorPoint> for ContractionSensorOffset {}
 impl SensorTerm for ContractionSensorOffset {
     fn read(&self, _: &SensorPoint, _: &[f64], reading: &mut Reading) {
         reading.contraction += self.offset;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{assert_near, effect, read_and_inverted, truth};
+    use super::KIND;
+
+    #[test]
+    fn the_offset_is_added_to_the_contraction_and_removed_again() {
+        let offset = effect(&KIND, "constant", &[("offset", 0.01)]);
+        let [read, inverted] = read_and_inverted(&offset, 0.0, truth(2e5, 0.1));
+        assert_near(read.contraction, 0.11, 1e-12, "reading");
+        assert_eq!((read.pressure.0, read.force_n), (2e5, 200.0));
+        assert_near(inverted.contraction, 0.1, 1e-12, "truth");
     }
 }

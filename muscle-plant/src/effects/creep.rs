@@ -1,21 +1,24 @@
-//! `creep`: the rubber takes time to take up its share of a new pressure or length.
+//! `creep`: the rubber relaxes after a change of pressure or length.
 //!
-//! Each form is a sum of relaxations (standard linear solids): right after a change the muscle
-//! pulls less than Eq 1 says if it was upward, and comes to Eq 1 with time.
+//! Each form is a sum of relaxations (standard linear solids): right after an upward change the
+//! muscle pulls less than Eq 1, and it approaches Eq 1 with time.
 
-use super::{EffectKind, Form, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, lagged};
-use crate::subsystem::Term;
+use super::{
+    CompensationMethod, DecayingForce, EffectKind, Equation, Form, Observation, Parameter,
+    REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, lagged,
+};
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
+use crate::subsystem::{Subsystem, Term};
 use model_core::muscle::Muscle;
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 15.0).neutral(0.0);
-// Faster than this is a line's lag, or the gas's heat.
+/// A faster relaxation is a lag of the line or the heat exchange of the gas.
 const TIME_CONSTANT_S: Parameter = Parameter::new("time_constant_s", "s", (0.3, 1e3), 5.0)
     .log()
-    .ends_at_min();
+    .physical_min();
 
-/// Sizes and time constants of two relaxations, the first of which may be the only one.
+/// Sizes and time constants of two relaxations; the size of the second may be 0.
 const TWO: [Parameter; 4] = [
     Parameter::new("force_n", "N", (0.0, 1e3), 8.0).neutral(0.0),
     Parameter::new("time_constant_s", "s", (0.3, 1e3), 1.0).log(),
@@ -23,53 +26,63 @@ const TWO: [Parameter; 4] = [
     Parameter::new("second_time_constant_s", "s", (0.3, 1e4), 15.0).log(),
 ];
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "creep",
-    place: "muscle-force",
-    signature: "A slow drift after a step with the pressure held, of the step's sign, over 1 to 60 s.",
-    test_signal: "a step up and one down, each held for 60 s with the valve working.",
+    subsystem: Subsystem::MuscleForce,
+    equations: &[Equation::MuscleForce],
+    requires: &[],
+    signature: "A slow drift with the sign of the step, over 1 to 60 s after it, with the pressure \
+                held.",
+    test_signal: "a step up and one down, each held for 60 s with the valve in operation.",
+    discrepancy_ratio: 0.1,
+    compensation: CompensationMethod::Unavailable(
+        "it changes more slowly than a lift, and its present state is not measured",
+    ),
     forms: &[
         Form {
             name: "relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
-            source: "One relaxation of the pressure, which acts through the braid, its size at a \
-                     step of 300 kPa without contraction; Tondu 2012. Leaves out the decades a \
-                     rubber's relaxation spans.",
-            build: |values| relaxations(vec![(values[0], values[1])], BY_PRESSURE),
+            source: "One relaxation of the pressure, which acts through the braid; its size is the \
+                     force after a step of 300 kPa at no contraction. Tondu 2012. Leaves out that \
+                     the relaxation of rubber spans decades of time.",
+            build: |values| Term::Muscle(Box::new(one(values, BY_PRESSURE))),
+            observation: Some(|values| Box::new(one(values, BY_PRESSURE))),
         },
         Form {
             name: "two-relaxations",
             parameters: &TWO,
-            source: "Two relaxations of the pressure, their sizes at a step of 300 kPa. Leaves out \
-                     the decades a rubber's relaxation spans.",
-            build: |values| relaxations(pair(values), BY_PRESSURE),
+            source: "Two relaxations of the pressure, with sizes at a step of 300 kPa. Leaves out \
+                     that the relaxation of rubber spans decades of time.",
+            build: |values| Term::Muscle(Box::new(two(values, BY_PRESSURE))),
+            observation: Some(|values| Box::new(two(values, BY_PRESSURE))),
         },
         Form {
             name: "logarithmic",
             parameters: &[Parameter::new("force_per_decade_n", "N", (0.0, 1e3), 10.0).neutral(0.0)],
-            source: "Drift in proportion to the logarithm of time after a step of 300 kPa, as \
-                     rubber shows (Gent 1962), by relaxations a decade apart from 0.5 to 500 s. \
-                     Leaves out what is over before 0.2 s or begins after 1000 s.",
-            build: |values| {
-                let branches = LOGARITHMIC_TIME_CONSTANTS_S.map(|time_s| (values[0], time_s));
-                relaxations(branches.to_vec(), BY_PRESSURE)
-            },
+            source: "Drift proportional to the logarithm of time after a step of 300 kPa, as of \
+                     rubber (Gent 1962), by relaxations a decade apart from 0.5 to 500 s. Leaves \
+                     out drift before 0.2 s and after 1000 s.",
+            build: |values| Term::Muscle(Box::new(decades(values))),
+            observation: Some(|values| Box::new(decades(values))),
         },
         Form {
             name: "strain-relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
-            source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener), its \
-                     size at a step of 0.25 in contraction. Leaves out what a step of the \
-                     pressure alone leaves behind.",
-            build: |values| relaxations(vec![(values[0], values[1])], BY_STRAIN),
+            source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener); its \
+                     size is the force after a step of 0.25 in contraction. Leaves out the \
+                     relaxation after a step of pressure alone.",
+            build: |values| Term::Muscle(Box::new(one(values, BY_STRAIN))),
+            observation: Some(|values| Box::new(one(values, BY_STRAIN))),
         },
         Form {
             name: "two-strain-relaxations",
             parameters: &TWO,
             source: "Two relaxations of the bladder's strain, in parallel with Eq 1 (generalized \
-                     Maxwell), their sizes at a step of 0.25 in contraction. Leaves out what a \
-                     step of the pressure alone leaves behind.",
-            build: |values| relaxations(pair(values), BY_STRAIN),
+                     Maxwell), with sizes at a step of 0.25 in contraction. Leaves out the \
+                     relaxation after a step of pressure alone.",
+            build: |values| Term::Muscle(Box::new(two(values, BY_STRAIN))),
+            observation: Some(|values| Box::new(two(values, BY_STRAIN))),
         },
         Form {
             name: "logarithmic-strain",
@@ -78,12 +91,13 @@ pub(super) const KIND: EffectKind = EffectKind {
                 Parameter::new("shortest_time_constant_s", "s", (0.1, 3.0), 0.3).log(),
                 Parameter::new("longest_time_constant_s", "s", (1.0, 1e5), 200.0).log(),
             ],
-            source: "Relaxation of the bladder's strain in proportion to the logarithm of time, \
-                     as rubber shows (Gent 1962), its size in a decade after a step of 0.25 in \
-                     contraction: four branches of equal size, evenly from the shortest to the \
-                     longest time constant. Leaves out what a step of the pressure alone leaves \
-                     behind.",
-            build: |values| relaxations(evenly(values[0], values[1], values[2]), BY_STRAIN),
+            source: "Relaxation of the bladder's strain proportional to the logarithm of time, as \
+                     of rubber (Gent 1962); its size is the change of force per decade after a \
+                     step of 0.25 in contraction. Four branches of equal size, at equal ratios \
+                     from the shortest to the longest time constant. Leaves out the relaxation \
+                     after a step of pressure alone.",
+            build: |values| Term::Muscle(Box::new(strain_decades(values))),
+            observation: Some(|values| Box::new(strain_decades(values))),
         },
     ],
 };
@@ -91,47 +105,69 @@ pub(super) const KIND: EffectKind = EffectKind {
 /// Time constants of the logarithmic form \[s\].
 const LOGARITHMIC_TIME_CONSTANTS_S: [f64; 4] = [0.5, 5.0, 50.0, 500.0];
 
-fn pair(values: &[f64]) -> Vec<(f64, f64)> {
-    vec![(values[0], values[1]), (values[2], values[3])]
+/// One relaxation of a drive: size and time constant.
+fn one(values: &[f64], drive: Drive) -> Relaxations {
+    let branches = vec![(values[0], values[1])];
+    Relaxations { branches, drive }
 }
 
-/// Branches of the logarithmic form of the strain: a decade apart they ripple by 2 % of its size.
+/// Two relaxations of a drive.
+fn two(values: &[f64], drive: Drive) -> Relaxations {
+    let branches = vec![(values[0], values[1]), (values[2], values[3])];
+    Relaxations { branches, drive }
+}
+
+/// Relaxations of the pressure a decade apart.
+fn decades(values: &[f64]) -> Relaxations {
+    let branches = LOGARITHMIC_TIME_CONSTANTS_S.map(|time_s| (values[0], time_s));
+    Relaxations {
+        branches: branches.to_vec(),
+        drive: BY_PRESSURE,
+    }
+}
+
+/// Relaxations of the strain at equal ratios of time.
+fn strain_decades(values: &[f64]) -> Relaxations {
+    Relaxations {
+        branches: evenly(values[0], values[1], values[2]),
+        drive: BY_STRAIN,
+    }
+}
+
+/// Branches of the logarithmic form of the strain: a decade apart, their sum deviates from the
+/// logarithm by 2 % of its size.
 const BRANCHES: u32 = 4;
 
-/// Branches evenly over the logarithm of time, together `per_decade_n` in each decade.
+/// Branches at equal ratios of time, with a sum of `per_decade_n` in each decade.
 fn evenly(per_decade_n: f64, shortest_s: f64, longest_s: f64) -> Vec<(f64, f64)> {
     let ratio = (longest_s / shortest_s).powf(1.0 / f64::from(BRANCHES - 1));
     let size_n = per_decade_n * ratio.log10().abs();
-    let time_s = |branch| shortest_s * ratio.powf(f64::from(branch));
-    let branches = (0..BRANCHES).map(|branch| (size_n, time_s(branch)));
-    branches.collect()
+    (0..BRANCHES)
+        .map(|branch| (size_n, shortest_s * ratio.powf(f64::from(branch))))
+        .collect()
 }
 
-/// What the states follow, and how it pulls at a contraction.
+/// The quantity that the states follow, and its share in the force at a contraction.
 #[derive(Clone, Copy)]
 struct Drive {
     value: fn(&MusclePoint) -> f64,
     share: fn(&MusclePoint, &Muscle<f64>) -> f64,
 }
 
-/// Pressure that the bladder does not pass on yet acts through the braid, as in Eq 1.
+/// Pressure that the bladder does not transmit yet is missing in Eq 1.
 const BY_PRESSURE: Drive = Drive {
-    value: |at| at.pressure.0 / REFERENCE_PRESSURE_PA,
-    share: |at, muscle| {
-        muscle.force_per_pressure_m2(at.contraction) / muscle.force_per_pressure_m2(0.0)
+    value: |point| point.pressure.0 / REFERENCE_PRESSURE_PA,
+    share: |point, muscle| {
+        muscle.force_per_pressure_m2(point.contraction) / muscle.force_per_pressure_m2(0.0)
     },
 };
 
 const BY_STRAIN: Drive = Drive {
-    value: |at| at.contraction / REFERENCE_CONTRACTION,
+    value: |point| point.contraction / REFERENCE_CONTRACTION,
     share: |_, _| 1.0,
 };
 
-fn relaxations(branches: Vec<(f64, f64)>, drive: Drive) -> Term {
-    Term::Muscle(Box::new(Relaxations { branches, drive }))
-}
-
-/// The states follow the drive with the branches' time constants.
+/// The states follow the drive with the time constants of the branches.
 struct Relaxations {
     /// Size \[N\] at a drive of 1 and no contraction, and time constant \[s\].
     branches: Vec<(f64, f64)>,
@@ -143,12 +179,12 @@ impl Dynamics<MusclePoint> for Relaxations {
         self.branches.len()
     }
 
-    fn steady_state(&self, at: &MusclePoint, state: &mut [f64]) {
-        state.fill((self.drive.value)(at));
+    fn steady_state(&self, point: &MusclePoint, state: &mut [f64]) {
+        state.fill((self.drive.value)(point));
     }
 
-    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
-        let drive = (self.drive.value)(at);
+    fn rates(&self, point: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        let drive = (self.drive.value)(point);
         for (i, (_, time_constant_s)) in self.branches.iter().enumerate() {
             rates[i] = (drive - state[i]) / time_constant_s;
         }
@@ -163,18 +199,37 @@ impl Dynamics<MusclePoint> for Relaxations {
 }
 
 impl MuscleTerm for Relaxations {
-    fn force_n(&self, at: &MusclePoint, muscle: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let drive = (self.drive.value)(at);
+    fn force_n(
+        &self,
+        point: &MusclePoint,
+        muscle: &Muscle<f64>,
+        state: &[f64],
+        force_n: f64,
+    ) -> f64 {
+        let drive = (self.drive.value)(point);
         let branches = self.branches.iter().zip(state);
         let missing_n = branches.map(|((size_n, _), state)| size_n * (drive - state));
-        force_n - (self.drive.share)(at, muscle) * missing_n.sum::<f64>()
+        force_n - (self.drive.share)(point, muscle) * missing_n.sum::<f64>()
     }
+}
 
-    fn fading(&self, at: &MusclePoint, muscle: &Muscle<f64>, _: &[f64]) -> Vec<(f64, f64)> {
-        let share = (self.drive.share)(at, muscle);
-        let branches = self.branches.iter();
-        branches
-            .map(|(size_n, time_s)| (size_n * share, *time_s))
+impl Observation for Relaxations {
+    fn decaying_forces(
+        &self,
+        point: &MusclePoint,
+        muscle: &Muscle<f64>,
+        _: &[f64],
+    ) -> Vec<DecayingForce> {
+        let share = (self.drive.share)(point, muscle);
+        self.branches
+            .iter()
+            .map(|(size_n, time_constant_s)| DecayingForce {
+                force_n: size_n * share,
+                time_constant_s: *time_constant_s,
+            })
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,28 +1,36 @@
-//! `friction`: more friction on the weight than the nominal rig has.
+//! `friction`: more dry friction on the weight than the nominal rig has.
 
-use super::{EffectKind, Form, Parameter};
-use crate::subsystem::Term;
+use super::{
+    AddedFriction, CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form,
+    Parameter, Requirement,
+};
+use crate::nominal::Weight;
 use crate::subsystem::load::{LoadPoint, LoadTerm};
 use crate::subsystem::term::Dynamics;
-use crate::nominal::Weight;
+use crate::subsystem::{Subsystem, Term};
 
 const FORCE_N: Parameter = Parameter::new("force_n", "N", (0.0, 1e3), 8.0).neutral(0.0);
-/// What holds a weight by more than this is no friction.
-const STATIC_RATIO: Parameter = Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3).ends_at_max();
+/// A larger ratio of breakaway to sliding force is not dry friction.
+const STATIC_RATIO: Parameter = Parameter::new("static_ratio", "1", (1.0, 4.0), 1.3).physical_max();
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "friction",
-    place: "load",
-    signature: "The weight sticks at reversals and its motion is flat at the top, whatever the pressure \
-           and the position.",
+    subsystem: Subsystem::Load,
+    equations: &[Equation::Load],
+    requires: &[Requirement::Motion],
+    signature: "The weight sticks at reversals and its motion is flat at the top, at any pressure \
+                and position.",
     test_signal: "triangles at two pressures and two weights; friction does not change with \
-                 pressure.",
+                  pressure.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Friction(added_friction),
     forms: &[
         Form {
             name: "coulomb",
             parameters: &[FORCE_N],
-            source: "The same force on top of static and Coulomb friction. Leaves out pre-sliding \
-                     and any dependence on speed.",
+            source: "One force added to static and to Coulomb friction. Leaves out presliding and \
+                     any dependence on speed.",
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
@@ -30,6 +38,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                     speed_m_per_s: 1.0,
                 }))
             },
+            observation: None,
         },
         Form {
             name: "stribeck",
@@ -38,8 +47,8 @@ pub(super) const KIND: EffectKind = EffectKind {
                 STATIC_RATIO,
                 Parameter::new("speed_m_per_s", "m/s", (1e-4, 1.0), 1e-2).log(),
             ],
-            source: "Coulomb and a static excess over it that falls as a Gaussian of the speed; \
-                     Olsson et al. 1998. Leaves out pre-sliding.",
+            source: "Coulomb friction and a static excess that falls as a Gaussian of the speed; \
+                     Olsson et al. 1998. Leaves out presliding.",
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
@@ -47,20 +56,21 @@ pub(super) const KIND: EffectKind = EffectKind {
                     speed_m_per_s: values[2],
                 }))
             },
+            observation: None,
         },
         Form {
             name: "lugre",
             parameters: &[
                 FORCE_N,
                 STATIC_RATIO,
-                // With more it is a hysteresis.
+                // A larger deflection is a hysteresis of the muscle.
                 Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4)
                     .log()
-                    .ends_at_max(),
+                    .physical_max(),
             ],
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
-                     1998), with a Stribeck speed of 10 mm/s. Leaves out the bristles' damping, \
-                     for which the load's own stands.",
+                     1998), with a Stribeck speed of 10 mm/s. Leaves out the damping of the \
+                     bristles beside that of the load.",
             build: |values| {
                 Term::Load(Box::new(LuGre {
                     force_n: values[0],
@@ -68,9 +78,19 @@ pub(super) const KIND: EffectKind = EffectKind {
                     deflection_m: values[2],
                 }))
             },
+            observation: None,
         },
     ],
 };
+
+fn added_friction(effect: &Effect) -> AddedFriction {
+    let coulomb_n = effect.value("force_n").unwrap_or(0.0);
+    AddedFriction {
+        coulomb_n,
+        static_n: coulomb_n * effect.value("static_ratio").unwrap_or(1.0),
+        presliding_m: effect.value("deflection_m").unwrap_or(0.0),
+    }
+}
 
 struct Stribeck {
     force_n: f64,
@@ -81,8 +101,8 @@ struct Stribeck {
 impl Dynamics<LoadPoint> for Stribeck {}
 
 impl LoadTerm for Stribeck {
-    fn change(&self, at: &LoadPoint, _: &[f64], weight: &mut Weight, _: &mut f64) {
-        let speed_m_per_s = at.initial_length_m * at.contraction_rate_per_s;
+    fn change(&self, point: &LoadPoint, _: &[f64], weight: &mut Weight, _: &mut f64) {
+        let speed_m_per_s = point.initial_length_m * point.contraction_rate_per_s;
         let relative = speed_m_per_s / self.speed_m_per_s;
         let excess = match self.static_ratio - 1.0 {
             0.0 => 0.0,
@@ -96,7 +116,7 @@ impl LoadTerm for Stribeck {
 /// Stribeck speed of the LuGre form \[m/s\].
 const LUGRE_SPEED_M_PER_S: f64 = 1e-2;
 
-/// The state is the bristles' deflection over the one at which Coulomb friction is reached.
+/// The state is the deflection of the bristles, relative to the one at Coulomb friction.
 struct LuGre {
     force_n: f64,
     static_ratio: f64,
@@ -112,16 +132,90 @@ impl Dynamics<LoadPoint> for LuGre {
         state[0] = share * self.static_ratio;
     }
 
-    fn rates(&self, at: &LoadPoint, state: &[f64], rates: &mut [f64]) {
-        let speed_m_per_s = at.initial_length_m * at.contraction_rate_per_s;
+    fn rates(&self, point: &LoadPoint, state: &[f64], rates: &mut [f64]) {
+        let speed_m_per_s = point.initial_length_m * point.contraction_rate_per_s;
         let relative = speed_m_per_s / LUGRE_SPEED_M_PER_S;
         let steady = 1.0 + (self.static_ratio - 1.0) * (-relative * relative).exp();
-        rates[0] = speed_m_per_s / self.deflection_m * (1.0 - at.direction * state[0] / steady);
+        rates[0] = speed_m_per_s / self.deflection_m * (1.0 - point.direction * state[0] / steady);
     }
 }
 
 impl LoadTerm for LuGre {
     fn change(&self, _: &LoadPoint, state: &[f64], _: &mut Weight, force_n: &mut f64) {
         *force_n -= self.force_n * state[0];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{effect, largest_difference, run, steps};
+    use super::KIND;
+    use crate::effects::Effect;
+    use crate::nominal::{Load, Nominal, Weight};
+
+    fn contraction(nominal: &Nominal, effects: &[Effect]) -> Vec<f64> {
+        run(nominal, effects, &steps(4.0)).contraction
+    }
+
+    /// Contraction of the reference rig with 8 N more dry friction.
+    fn with_more_friction() -> Vec<f64> {
+        let nominal = Nominal::REFERENCE;
+        let Load::Weight(weight) = nominal.load else {
+            panic!("the reference rig has a weight");
+        };
+        let rough = Nominal {
+            load: Load::Weight(Weight {
+                coulomb_friction_n: weight.coulomb_friction_n + 8.0,
+                static_friction_n: weight.static_friction_n + 8.0,
+                ..weight
+            }),
+            ..nominal
+        };
+        contraction(&rough, &[])
+    }
+
+    #[test]
+    fn coulomb_friction_adds_to_that_of_the_rig() {
+        let coulomb = effect(&KIND, "coulomb", &[("force_n", 8.0)]);
+        assert_eq!(
+            contraction(&Nominal::REFERENCE, &[coulomb]),
+            with_more_friction()
+        );
+    }
+
+    /// At a Stribeck speed far above any speed of the rig the static excess acts as Coulomb
+    /// friction; far below it acts at rest only.
+    #[test]
+    fn stribeck_friction_is_coulomb_friction_in_its_limits() {
+        let stribeck = |static_ratio: f64, speed_m_per_s: f64| {
+            let parameters = [
+                ("force_n", 8.0 / static_ratio),
+                ("static_ratio", static_ratio),
+                ("speed_m_per_s", speed_m_per_s),
+            ];
+            contraction(
+                &Nominal::REFERENCE,
+                &[effect(&KIND, "stribeck", &parameters)],
+            )
+        };
+        let coulomb = with_more_friction();
+        assert_eq!(stribeck(1.0, 0.01), coulomb);
+        let slow = largest_difference(&stribeck(4.0, 0.01), &coulomb);
+        assert!(largest_difference(&stribeck(4.0, 1.0), &coulomb) < 0.2 * slow);
+    }
+
+    /// Bristles with a small deflection are Coulomb friction, but for the static part.
+    #[test]
+    fn stiff_bristles_are_coulomb_friction() {
+        let parameters = [
+            ("force_n", 8.0),
+            ("static_ratio", 1.0),
+            ("deflection_m", 2e-5),
+        ];
+        let bristles = contraction(&Nominal::REFERENCE, &[effect(&KIND, "lugre", &parameters)]);
+        let coulomb = with_more_friction();
+        let nominal = contraction(&Nominal::REFERENCE, &[]);
+        let whole = largest_difference(&nominal, &coulomb);
+        assert!(largest_difference(&bristles, &coulomb) < 0.3 * whole);
     }
 }

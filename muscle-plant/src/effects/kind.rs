@@ -1,6 +1,9 @@
-//! What an effect declares of itself: its place, its signature, its forms and their parameters.
+//! What an effect declares: where it acts, what shows it, its forms and their parameters, and how
+//! the controller compensates it.
 
-use crate::subsystem::Term;
+use super::compensation::CompensationMethod;
+use super::observation::Observation;
+use crate::subsystem::{Subsystem, Term};
 
 /// One parameter of a form, as it stands in `[[effect]]` of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,19 +12,20 @@ pub struct Parameter {
     pub name: &'static str,
     /// Its unit, in the field's notation.
     pub unit: &'static str,
-    /// Smallest value that it may have.
+    /// Smallest value that is accepted.
     pub min: f64,
-    /// Largest value that it may have.
+    /// Largest value that is accepted.
     pub max: f64,
-    /// A usual size: where a fit starts, and the scale of its steps.
-    pub usual: f64,
-    /// It spans decades and is fitted by its logarithm; then `min` is above 0.
+    /// A typical value: where a fit starts, and the scale of its steps.
+    pub typical: f64,
+    /// The parameter spans decades and is fitted by its logarithm; then `min` is above 0.
     pub log: bool,
     /// Its value in a rig without the effect. The effect vanishes where all parameters that have
-    /// such a value are at it; where none has, it does not vanish.
+    /// such a value are at it; an effect of which no parameter has one does not vanish.
     pub neutral: Option<f64>,
-    /// Whether the effect ends at `min`, and at `max`: what is beyond is another, or none.
-    pub ends: [bool; 2],
+    /// Whether `min`, and whether `max`, is a physical bound: a fit that reaches it describes
+    /// another effect, or none.
+    pub physical_bounds: [bool; 2],
 }
 
 impl Parameter {
@@ -30,17 +34,17 @@ impl Parameter {
         name: &'static str,
         unit: &'static str,
         (min, max): (f64, f64),
-        usual: f64,
+        typical: f64,
     ) -> Parameter {
         Parameter {
             name,
             unit,
             min,
             max,
-            usual,
+            typical,
             log: false,
             neutral: None,
-            ends: [false; 2],
+            physical_bounds: [false; 2],
         }
     }
 
@@ -57,24 +61,27 @@ impl Parameter {
         }
     }
 
-    /// What is below its least value is another effect, or none.
-    pub const fn ends_at_min(self) -> Parameter {
-        let [_, above] = self.ends;
+    /// The same, with `min` as a physical bound.
+    pub const fn physical_min(self) -> Parameter {
+        let [_, max] = self.physical_bounds;
         Parameter {
-            ends: [true, above],
+            physical_bounds: [true, max],
             ..self
         }
     }
 
-    /// What is above its largest value is another effect, or none.
-    pub const fn ends_at_max(self) -> Parameter {
-        let [below, _] = self.ends;
+    /// The same, with `max` as a physical bound.
+    pub const fn physical_max(self) -> Parameter {
+        let [min, _] = self.physical_bounds;
         Parameter {
-            ends: [below, true],
+            physical_bounds: [min, true],
             ..self
         }
     }
 }
+
+/// Makes an observation from the values of a form's parameters, in their order.
+pub type Observe = fn(&[f64]) -> Box<dyn Observation>;
 
 /// One set of equations of an effect.
 #[derive(Clone, Copy, Debug)]
@@ -87,6 +94,29 @@ pub struct Form {
     pub source: &'static str,
     /// Makes the term from the values of `parameters`, in their order.
     pub build: fn(&[f64]) -> Term,
+    /// Makes, from the same values, what a diagnosis needs beside the term; `None` where it needs
+    /// nothing.
+    pub observation: Option<Observe>,
+}
+
+/// An equation whose residuals a diagnosis looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Equation {
+    /// Reference pressure to pressure: Eqs 3, 4 and 9.
+    Gas,
+    /// Pressure and contraction to force: Eq 1.
+    MuscleForce,
+    /// The balance of forces on the weight: Eq 5.
+    Load,
+}
+
+/// What a record must contain so that an effect can show in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Requirement {
+    /// A measured muscle force.
+    MeasuredForce,
+    /// A contraction that changes.
+    Motion,
 }
 
 /// One kind of effect.
@@ -94,29 +124,31 @@ pub struct Form {
 pub struct EffectKind {
     /// Its name, as other programs know it.
     pub name: &'static str,
-    /// The subsystem it belongs to.
-    pub place: &'static str,
-    /// The signature it leaves in data, in words.
+    /// The subsystem that it is attributed to.
+    pub subsystem: Subsystem,
+    /// The equations that it changes, as seen from measured signals. A sensor's effect changes each
+    /// equation that the sensor's reading goes into.
+    pub equations: &'static [Equation],
+    /// What a record must contain to show it, beside the signals of its equations.
+    pub requires: &'static [Requirement],
+    /// The signature that it leaves in data, in words.
     pub signature: &'static str,
-    /// The test signal that tells it from what it is confused with.
+    /// The test signal that distinguishes it from similar effects.
     pub test_signal: &'static str,
-    /// Its forms; the first is the one meant where a rig names none.
+    /// Share of the effect that is expected to remain as a residual because a rig's equations
+    /// differ from every form here \[-\]; 0 where the name determines the form.
+    pub discrepancy_ratio: f64,
+    /// How the controller compensates it, or why it does not.
+    pub compensation: CompensationMethod,
+    /// Its forms; a rig that names none has the first.
     pub forms: &'static [Form],
 }
 
-impl EffectKind {
-    /// Share of the effect by which a rig's may have another form than any here. An offset that
-    /// depends on anything is a gain or a drift, so that its name says its form. A rig's hysteresis
-    /// and creep are of many elements, unequal ones, and up to a tenth was seen to be left of them;
-    /// no other form is known better than 5 %.
-    pub fn form_doubt(&self) -> f64 {
-        match self.name {
-            "pressure-sensor-offset" | "contraction-sensor-offset" | "force-sensor-offset" => 0.0,
-            "hysteresis" | "creep" => 0.1,
-            _ => 0.05,
-        }
-    }
+/// Discrepancy ratio where nothing better is known: no form was seen to agree with a rig to better
+/// than 5 %.
+pub const DISCREPANCY_RATIO: f64 = 0.05;
 
+impl EffectKind {
     /// The form of that name.
     pub fn form(&self, name: &str) -> Option<&'static Form> {
         self.forms.iter().find(|form| form.name == name)
@@ -126,17 +158,39 @@ impl EffectKind {
 /// An effect of a rig: a kind, one of its forms, and values of the form's parameters.
 #[derive(Clone, Debug)]
 pub struct Effect {
-    /// Which effect.
+    /// The kind of effect.
     pub kind: &'static EffectKind,
-    /// Which of its forms.
+    /// One of its forms.
     pub form: &'static Form,
     /// The values of the form's parameters, in the form's order.
     pub values: Vec<f64>,
 }
 
 impl Effect {
+    /// An effect with each parameter at its typical value.
+    pub fn typical(kind: &'static EffectKind, form: &'static Form) -> Effect {
+        Effect {
+            kind,
+            form,
+            values: form.parameters.iter().map(|p| p.typical).collect(),
+        }
+    }
+
     /// The term that it adds to its subsystem.
     pub fn term(&self) -> Term {
         (self.form.build)(&self.values)
+    }
+
+    /// What a diagnosis needs beside the term, if anything.
+    pub fn observation(&self) -> Option<Box<dyn Observation>> {
+        self.form.observation.map(|observe| observe(&self.values))
+    }
+
+    /// The value of a parameter, if the form has it.
+    pub fn value(&self, parameter: &str) -> Option<f64> {
+        let mut parameters = self.form.parameters.iter().zip(&self.values);
+        parameters
+            .find(|(known, _)| known.name == parameter)
+            .map(|(_, value)| *value)
     }
 }

@@ -1,15 +1,16 @@
-//! `line-dynamics`: the hose between the valve's port, where the pressure is measured, and the
-//! muscle.
+//! `line-dynamics`: the hose between the muscle and the port of the valve, where the pressure is
+//! measured.
 
 use super::{
-    AIR_TEMPERATURE_K, EffectKind, Form, INSTANT_S, Parameter, REFERENCE_CONTRACTION,
-    REFERENCE_PRESSURE_PA, STATE_PA, lagged,
+    AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
+    INSTANT_S, Observation, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, STATE_PA,
+    lagged,
 };
-use crate::subsystem::Term;
-use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, GasSubsystem, GasPoint, HEAT_RATIO};
+use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, GasPoint, GasSubsystem, HEAT_RATIO};
 use crate::subsystem::line::{LinePoint, LineTerm};
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
+use crate::subsystem::{Subsystem, Term};
 use core::f64::consts::TAU;
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
@@ -18,12 +19,19 @@ const HOSE_VOLUME_M3: Parameter = Parameter::new("hose_volume_m3", "m³", (1e-6,
 const PERIOD_S: Parameter = Parameter::new("period_s", "s", (0.0, 1.0), 0.05).neutral(0.0);
 const DAMPING_RATIO: Parameter = Parameter::new("damping_ratio", "1", (0.01, 5.0), 0.2).log();
 
-pub(super) const KIND: EffectKind = EffectKind {
+/// The kind, for the catalogue.
+pub static KIND: EffectKind = EffectKind {
     name: "line-dynamics",
-    place: "line",
-    signature: "The force lags the measured pressure, or the pressure rings at one frequency after each \
-           fast change while the force does not.",
+    subsystem: Subsystem::Line,
+    equations: &[Equation::Gas, Equation::MuscleForce],
+    requires: &[],
+    signature: "The force lags the measured pressure, or the pressure rings at one frequency after \
+                each fast change while the force does not.",
     test_signal: "fast steps sampled at 1 kHz with sensors at the valve and at the muscle.",
+    discrepancy_ratio: DISCREPANCY_RATIO,
+    compensation: CompensationMethod::Unavailable(
+        "it oscillates faster than the controller's tick of 10 ms can follow",
+    ),
     forms: &[
         Form {
             name: "resistance",
@@ -31,10 +39,10 @@ pub(super) const KIND: EffectKind = EffectKind {
                 Parameter::new("lag_s", "s", (0.0, 0.5), 5e-3).neutral(0.0),
                 HOSE_VOLUME_M3,
             ],
-            source: "A hose's volume at the port and a linear resistance behind it, stated as the \
-                     lag of the muscle's pressure behind the port's. Leaves out the resistance \
-                     of turbulent flow, which grows with it, lags that change with volume, and \
-                     the air in a volume that fills within 1 ms.",
+            source: "The volume of a hose at the port and a linear resistance behind it, given as \
+                     the lag of the muscle's pressure behind that of the port. Leaves out \
+                     turbulence, a lag that changes with volume, and the air in a volume that \
+                     fills within 1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Lag(values[0]),
@@ -42,6 +50,7 @@ pub(super) const KIND: EffectKind = EffectKind {
                     stores: false,
                 }))
             },
+            observation: None,
         },
         Form {
             name: "conductance",
@@ -54,16 +63,16 @@ pub(super) const KIND: EffectKind = EffectKind {
                 )
                 .log()
                 .neutral(WIDE_KG_PER_PA_S),
-                // A smaller one fills at once, where nothing tells its size.
+                // A smaller volume fills at once and cannot be estimated.
                 Parameter {
-                    usual: 3e-5,
+                    typical: 3e-5,
                     ..HOSE_VOLUME_M3
                 },
             ],
-            source: "A hose's volume at the port and a linear resistance behind it, the same at \
-                     any pressure: the muscle lags more the larger it is. Leaves out turbulence, \
-                     that dense air passes more easily, and the air in a volume that fills within \
-                     1 ms.",
+            source: "The volume of a hose at the port and a linear resistance behind it, the same \
+                     at any pressure: a larger volume of the muscle lags more. Leaves out \
+                     turbulence, a resistance that falls with density, and the air in a volume \
+                     that fills within 1 ms.",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Conductance(values[0]),
@@ -71,14 +80,15 @@ pub(super) const KIND: EffectKind = EffectKind {
                     stores: false,
                 }))
             },
+            observation: None,
         },
         Form {
             name: "inertance",
             parameters: &[PERIOD_S, DAMPING_RATIO, HOSE_VOLUME_M3],
-            source: "A hose's volume at the port, then its inertance and a laminar resistance: one \
-                     lump of a line (Stecki & Davis 1986). Period and damping are those of the \
-                     hose's volume against a muscle that holds 300 kPa. Leaves out higher modes \
-                     and turbulence.",
+            source: "The volume of a hose at the port, then its inertance and a laminar \
+                     resistance: one lump of a line (Stecki & Davis 1986). Period and damping are \
+                     those of the hose's volume against a muscle at 300 kPa. Leaves out higher \
+                     modes and turbulence.",
             build: |values| {
                 Term::Line(Box::new(Inertance {
                     period_s: values[0],
@@ -86,14 +96,16 @@ pub(super) const KIND: EffectKind = EffectKind {
                     hose_volume_m3: values[2],
                 }))
             },
+            observation: None,
         },
         Form {
             name: "sensor-tube",
             parameters: &[PERIOD_S, DAMPING_RATIO],
-            source: "The sensor at the end of a tube with a small volume: a Helmholtz resonator, \
-                     which takes no air to speak of (Bergh & Tijdeman 1965, first mode). Leaves \
-                     out higher modes and turbulence.",
-            build: |values| sensor_tube(values[0], values[1], 0.0),
+            source: "The sensor at the end of a tube with a small volume: a Helmholtz resonator \
+                     with negligible flow (Bergh & Tijdeman 1965, first mode). Leaves out higher \
+                     modes and turbulence.",
+            build: |values| Term::Line(Box::new(laminar_tube(values))),
+            observation: Some(|values| Box::new(laminar_tube(values))),
         },
         Form {
             name: "turbulent-sensor-tube",
@@ -102,11 +114,11 @@ pub(super) const KIND: EffectKind = EffectKind {
                 DAMPING_RATIO,
                 Parameter::new("turbulent_damping_per_pa", "1/Pa", (0.0, 1e-3), 4e-6),
             ],
-            source: "The same with losses at the tube's ends, which go with the square of the \
-                     speed (Ingard & Ising 1967): the damping ratio grows with the swing, which is \
-                     the rate of the sensor's pressure over the angular frequency. Leaves out \
-                     higher modes.",
-            build: |values| sensor_tube(values[0], values[1], values[2]),
+            source: "The same with losses at the ends of the tube, proportional to the square of \
+                     the speed (Ingard & Ising 1967): the damping ratio grows with the rate of the \
+                     sensor's pressure over the angular frequency. Leaves out higher modes.",
+            build: |values| Term::Line(Box::new(turbulent_tube(values))),
+            observation: Some(|values| Box::new(turbulent_tube(values))),
         },
     ],
 };
@@ -115,31 +127,31 @@ pub(super) const KIND: EffectKind = EffectKind {
 const RT_J_PER_KG: f64 = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K;
 /// No resistance, to rounding \[kg/(s·Pa)\].
 const WIDE_KG_PER_PA_S: f64 = 1e-3;
-/// A port that fills faster than this has the pressure that valve and hose agree on \[s\]; a finer
-/// one would cost steps, and is some 5 % of the time in which a muscle fills.
+/// A port that fills faster than this takes the pressure at which valve and hose have the same flow
+/// \[s\]: some 5 % of the time in which a muscle fills, and a smaller value would cost steps.
 const PORT_INSTANT_S: f64 = 1e-3;
-/// A muscle that fills faster than this from a measured pressure keeps up with it \[s\]: that is
-/// not known well enough between samples for more.
-const KEEPS_UP_S: f64 = 2e-3;
-/// By how much a pressure may fade in a step: of its rest 3e-4 is missed in each.
-const FADING_STEP: f64 = 0.5;
+/// A muscle that fills faster than this from a measured pressure is quasi-steady \[s\]: the
+/// measured pressure is not known well enough between samples for a finer model.
+const QUASI_STEADY_S: f64 = 2e-3;
+/// Step of the integration in time constants of the filling; the relative error of a step is 3e-4.
+const DECAY_STEP: f64 = 0.5;
 /// Unit of the temperature in states \[K\].
 const STATE_K: f64 = 100.0;
 /// Unit of the flow in states \[kg/s\].
 const STATE_KG_PER_S: f64 = 1e-3;
 
-/// What passes through a resistance.
+/// How a resistance is given.
 enum Passing {
-    /// As much as lets the muscle's pressure lag the port's by this \[s\].
+    /// By the lag of the muscle's pressure behind that of the port \[s\].
     Lag(f64),
-    /// This much per pressure difference \[kg/(Pa·s)\].
+    /// By its mass flow per pressure difference \[kg/(Pa·s)\].
     Conductance(f64),
 }
 
-/// The state is the port's pressure, where the volume there is large enough to follow.
+/// The state is the pressure of the port, if the volume there is large enough.
 ///
-/// A volume V_h fills in V_h/RT over the conductances of valve and hose, 0.3 ms for that of a usual
-/// hose: then the port's pressure is where the hose passes what the valve gives, at once.
+/// A volume V_h fills in V_h/RT over the conductances of valve and hose, 0.3 ms for that of a
+/// typical hose: then the port has the pressure at which valve and hose have the same flow.
 struct Resistance {
     passing: Passing,
     hose_volume_m3: f64,
@@ -147,7 +159,8 @@ struct Resistance {
 }
 
 impl Resistance {
-    /// From the port into the muscle \[kg/(Pa·s)\]; none where it is too wide to tell.
+    /// Conductance from the port into the muscle \[kg/(Pa·s)\]; `None` where it is too large to
+    /// have an effect.
     fn through_kg_per_pa_s(&self, volume_m3: f64) -> Option<f64> {
         match self.passing {
             Passing::Lag(lag_s) if lag_s < INSTANT_S => None,
@@ -159,9 +172,9 @@ impl Resistance {
     }
 
     /// Flow from the port into the muscle \[kg/s\].
-    fn hose_flow_kg_per_s(&self, at: &LinePoint, port_pa: f64) -> f64 {
-        let conductance = self.through_kg_per_pa_s(at.volume_m3).unwrap_or(0.0);
-        (port_pa - at.muscle.0) * conductance
+    fn hose_flow_kg_per_s(&self, point: &LinePoint, port_pa: f64) -> f64 {
+        let conductance = self.through_kg_per_pa_s(point.volume_m3).unwrap_or(0.0);
+        (port_pa - point.muscle.0) * conductance
     }
 }
 
@@ -170,13 +183,13 @@ impl Dynamics<LinePoint> for Resistance {
         usize::from(self.stores)
     }
 
-    fn steady_state(&self, at: &LinePoint, state: &mut [f64]) {
-        state[0] = at.muscle.0 / STATE_PA;
+    fn steady_state(&self, point: &LinePoint, state: &mut [f64]) {
+        state[0] = point.muscle.0 / STATE_PA;
     }
 
-    fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
+    fn rates(&self, point: &LinePoint, state: &[f64], rates: &mut [f64]) {
         let stored_kg_per_s =
-            at.valve_flow_kg_per_s - self.hose_flow_kg_per_s(at, state[0] * STATE_PA);
+            point.valve_flow_kg_per_s - self.hose_flow_kg_per_s(point, state[0] * STATE_PA);
         rates[0] = stored_kg_per_s * RT_J_PER_KG / (self.hose_volume_m3 * STATE_PA);
     }
 }
@@ -190,20 +203,20 @@ impl LineTerm for Resistance {
         });
     }
 
-    fn conductance_kg_per_pa_s(&self, at: &LinePoint) -> Option<f64> {
+    fn conductance_kg_per_pa_s(&self, point: &LinePoint) -> Option<f64> {
         if self.stores {
             return None;
         }
-        self.through_kg_per_pa_s(at.volume_m3)
+        self.through_kg_per_pa_s(point.volume_m3)
     }
 
     fn port(&self, _: &LinePoint, state: &[f64], port: GaugePa<f64>) -> GaugePa<f64> {
         state.first().map_or(port, |port| GaugePa(port * STATE_PA))
     }
 
-    fn flow_kg_per_s(&self, at: &LinePoint, state: &[f64], flow_kg_per_s: f64) -> f64 {
+    fn flow_kg_per_s(&self, point: &LinePoint, state: &[f64], flow_kg_per_s: f64) -> f64 {
         state.first().map_or(flow_kg_per_s, |port| {
-            self.hose_flow_kg_per_s(at, port * STATE_PA)
+            self.hose_flow_kg_per_s(point, port * STATE_PA)
         })
     }
 
@@ -233,16 +246,16 @@ impl Dynamics<MusclePoint> for LaggingMuscle {
         usize::from(self.lag_s >= INSTANT_S)
     }
 
-    fn steady_state(&self, at: &MusclePoint, state: &mut [f64]) {
-        state[0] = at.pressure.0 / STATE_PA;
+    fn steady_state(&self, point: &MusclePoint, state: &mut [f64]) {
+        state[0] = point.pressure.0 / STATE_PA;
     }
 
-    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
-        rates[0] = (at.pressure.0 / STATE_PA - state[0]) / self.lag_s;
+    fn rates(&self, point: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        rates[0] = (point.pressure.0 / STATE_PA - state[0]) / self.lag_s;
     }
 
     fn propagate(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
-        let drives = [from, to].map(|at| at.pressure.0 / STATE_PA);
+        let drives = [from, to].map(|point| point.pressure.0 / STATE_PA);
         for state in state {
             *state = lagged(*state, drives, to.time_s - from.time_s, self.lag_s);
         }
@@ -250,35 +263,35 @@ impl Dynamics<MusclePoint> for LaggingMuscle {
 }
 
 impl MuscleTerm for LaggingMuscle {
-    fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+    fn force_n(&self, point: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
         let missing_pa = state
             .first()
-            .map_or(0.0, |own| at.pressure.0 - own * STATE_PA);
-        force_n - law.force_per_pressure_m2(at.contraction) * missing_pa
+            .map_or(0.0, |lagging| point.pressure.0 - lagging * STATE_PA);
+        force_n - law.force_per_pressure_m2(point.contraction) * missing_pa
     }
 }
 
 /// A muscle that is filled from the measured pressure through a conductance, Eqs 3 and 4. The
-/// states are its absolute pressure and its gas's temperature.
+/// states are its absolute pressure and the temperature of its gas.
 struct FilledMuscle {
     conductance_kg_per_pa_s: f64,
     air: GasSubsystem,
 }
 
 impl FilledMuscle {
-    /// Time in which a muscle of this contraction fills \[s\].
+    /// Time constant of the filling at a contraction \[s\].
     fn fills_s(&self, contraction: f64) -> f64 {
         self.air.volume.volume_m3(contraction) / (RT_J_PER_KG * self.conductance_kg_per_pa_s)
     }
 
-    /// Rates of the states where `share` of the conductance is there.
-    fn states_rates(&self, at: &MusclePoint, state: &[f64], share: f64) -> [f64; 2] {
+    /// Rates of the states with `share` of the conductance.
+    fn states_rates(&self, point: &MusclePoint, state: &[f64], share: f64) -> [f64; 2] {
         let gas = &self.air.gas;
         let pressure = AbsolutePa(state[0] * STATE_PA);
-        let port = at.pressure.to_absolute(gas.atmospheric_pressure);
+        let port = point.pressure.to_absolute(gas.atmospheric_pressure);
         let flow_kg_per_s = share * self.conductance_kg_per_pa_s * (port.0 - pressure.0);
         let inside = GasPoint {
-            time_s: at.time_s,
+            time_s: point.time_s,
             pressure,
             atmospheric: gas.atmospheric_pressure,
             temperature_k: state[1] * STATE_K,
@@ -286,10 +299,10 @@ impl FilledMuscle {
             ambient_temperature_k: gas.ambient_temperature_k,
         };
         let exchange = self.air.exchange(&inside, flow_kg_per_s, &[]);
-        let rate_per_s = at.contraction_rate_per_s;
+        let rate_per_s = point.contraction_rate_per_s;
         let (pressure_rate, temperature_rate) =
             self.air
-                .rates(&inside, at.contraction, rate_per_s, &exchange);
+                .rates(&inside, point.contraction, rate_per_s, &exchange);
         [pressure_rate / STATE_PA, temperature_rate / STATE_K]
     }
 }
@@ -299,42 +312,42 @@ impl Dynamics<MusclePoint> for FilledMuscle {
         2
     }
 
-    fn steady_state(&self, at: &MusclePoint, state: &mut [f64]) {
+    fn steady_state(&self, point: &MusclePoint, state: &mut [f64]) {
         let gas = &self.air.gas;
-        state[0] = at.pressure.to_absolute(gas.atmospheric_pressure).0 / STATE_PA;
+        state[0] = point.pressure.to_absolute(gas.atmospheric_pressure).0 / STATE_PA;
         state[1] = gas.ambient_temperature_k / STATE_K;
     }
 
-    fn rates(&self, at: &MusclePoint, state: &[f64], rates: &mut [f64]) {
-        // One that keeps up would be stiff.
-        let share = (self.fills_s(at.contraction) / KEEPS_UP_S).min(1.0);
-        rates.copy_from_slice(&self.states_rates(at, state, share));
+    fn rates(&self, point: &MusclePoint, state: &[f64], rates: &mut [f64]) {
+        // The equations of a quasi-steady muscle would be stiff.
+        let share = (self.fills_s(point.contraction) / QUASI_STEADY_S).min(1.0);
+        rates.copy_from_slice(&self.states_rates(point, state, share));
     }
 
-    /// By the classical method of Runge and Kutta, in steps that the pressure's fading allows; one
-    /// that keeps up is behind by what it takes to change as fast as the port.
+    /// By the classical Runge–Kutta method in steps of [`DECAY_STEP`]; a quasi-steady muscle lags
+    /// by the pressure difference at which it changes as fast as the port.
     fn propagate(&self, from: &MusclePoint, to: &MusclePoint, state: &mut [f64]) {
         let whole_s = to.time_s - from.time_s;
         if whole_s <= 0.0 {
             return;
         }
-        let at = |share: f64| MusclePoint {
+        let point = |share: f64| MusclePoint {
             time_s: from.time_s + share * whole_s,
             contraction: from.contraction + share * (to.contraction - from.contraction),
             contraction_rate_per_s: (to.contraction - from.contraction) / whole_s,
             direction: 0.0,
             pressure: GaugePa(from.pressure.0 + share * (to.pressure.0 - from.pressure.0)),
         };
-        let rates = |share: f64, own: &[f64]| self.states_rates(&at(share), own, 1.0);
+        let rates = |share: f64, state: &[f64]| self.states_rates(&point(share), state, 1.0);
         let fills_s = self.fills_s(to.contraction);
-        if fills_s < KEEPS_UP_S {
+        if fills_s < QUASI_STEADY_S {
             let port = to.pressure.to_absolute(self.air.gas.atmospheric_pressure).0 / STATE_PA;
             let port_rate = (to.pressure.0 - from.pressure.0) / (whole_s * STATE_PA);
-            let own_rate = rates(1.0, &[port, state[1]])[0];
-            state[0] = port - (port_rate - own_rate) * fills_s / HEAT_RATIO;
+            let muscle_rate = rates(1.0, &[port, state[1]])[0];
+            state[0] = port - (port_rate - muscle_rate) * fills_s / HEAT_RATIO;
             return;
         }
-        let steps = (HEAT_RATIO * whole_s / (fills_s * FADING_STEP))
+        let steps = (HEAT_RATIO * whole_s / (fills_s * DECAY_STEP))
             .ceil()
             .max(1.0);
         let length_s = whole_s / steps;
@@ -354,14 +367,16 @@ impl Dynamics<MusclePoint> for FilledMuscle {
 }
 
 impl MuscleTerm for FilledMuscle {
-    fn force_n(&self, at: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
-        let port = at.pressure.to_absolute(self.air.gas.atmospheric_pressure);
+    fn force_n(&self, point: &MusclePoint, law: &Muscle<f64>, state: &[f64], force_n: f64) -> f64 {
+        let port = point
+            .pressure
+            .to_absolute(self.air.gas.atmospheric_pressure);
         let missing_pa = port.0 - state[0] * STATE_PA;
-        force_n - law.force_per_pressure_m2(at.contraction) * missing_pa
+        force_n - law.force_per_pressure_m2(point.contraction) * missing_pa
     }
 }
 
-/// The states are the port's pressure and the flow in the hose.
+/// The states are the pressure of the port and the flow in the hose.
 struct Inertance {
     period_s: f64,
     damping_ratio: f64,
@@ -379,19 +394,19 @@ impl Dynamics<LinePoint> for Inertance {
         if self.rings() { 2 } else { 0 }
     }
 
-    fn steady_state(&self, at: &LinePoint, state: &mut [f64]) {
-        state.copy_from_slice(&[at.muscle.0 / STATE_PA, 0.0]);
+    fn steady_state(&self, point: &LinePoint, state: &mut [f64]) {
+        state.copy_from_slice(&[point.muscle.0 / STATE_PA, 0.0]);
     }
 
-    fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
+    fn rates(&self, point: &LinePoint, state: &[f64], rates: &mut [f64]) {
         let per_capacity_pa_per_kg = RT_J_PER_KG / self.hose_volume_m3;
         let flow_kg_per_s = state[1] * STATE_KG_PER_S;
-        rates[0] = (at.valve_flow_kg_per_s - flow_kg_per_s) * per_capacity_pa_per_kg / STATE_PA;
+        rates[0] = (point.valve_flow_kg_per_s - flow_kg_per_s) * per_capacity_pa_per_kg / STATE_PA;
         let angular_per_s = TAU / self.period_s;
-        let driving_pa = state[0] * STATE_PA - at.muscle.0;
-        // What is laminar resists a mass flow in inverse proportion to the density.
-        let muscle_pa = at.muscle.0 + at.atmospheric.0;
-        let thinness = (REFERENCE_PRESSURE_PA + at.atmospheric.0) / muscle_pa;
+        let driving_pa = state[0] * STATE_PA - point.muscle.0;
+        // A laminar resistance to mass flow is inversely proportional to the density.
+        let muscle_pa = point.muscle.0 + point.atmospheric.0;
+        let thinness = (REFERENCE_PRESSURE_PA + point.atmospheric.0) / muscle_pa;
         // 1/I = ω²·(V/RT); the resistance is 2ζωI.
         rates[1] = angular_per_s * angular_per_s * driving_pa
             / (per_capacity_pa_per_kg * STATE_KG_PER_S)
@@ -411,15 +426,22 @@ impl LineTerm for Inertance {
     }
 }
 
-fn sensor_tube(period_s: f64, damping_ratio: f64, turbulent_damping_per_pa: f64) -> Term {
-    Term::Line(Box::new(SensorTube {
-        period_s,
-        damping_ratio,
-        turbulent_damping_per_pa,
-    }))
+fn laminar_tube(values: &[f64]) -> SensorTube {
+    SensorTube {
+        period_s: values[0],
+        damping_ratio: values[1],
+        turbulent_damping_per_pa: 0.0,
+    }
 }
 
-/// The states are the sensor's pressure and its rate over the angular frequency, the swing.
+fn turbulent_tube(values: &[f64]) -> SensorTube {
+    SensorTube {
+        turbulent_damping_per_pa: values[2],
+        ..laminar_tube(values)
+    }
+}
+
+/// The states are the pressure of the sensor and its swing: its rate over the angular frequency.
 struct SensorTube {
     period_s: f64,
     damping_ratio: f64,
@@ -427,7 +449,7 @@ struct SensorTube {
 }
 
 impl SensorTube {
-    /// The damping ratio at this swing.
+    /// The damping ratio at a swing.
     fn damping_ratio(&self, swing_pa: f64) -> f64 {
         self.damping_ratio + self.turbulent_damping_per_pa * swing_pa.abs()
     }
@@ -442,14 +464,14 @@ impl Dynamics<LinePoint> for SensorTube {
         }
     }
 
-    fn steady_state(&self, at: &LinePoint, state: &mut [f64]) {
-        state.copy_from_slice(&[at.muscle.0 / STATE_PA, 0.0]);
+    fn steady_state(&self, point: &LinePoint, state: &mut [f64]) {
+        state.copy_from_slice(&[point.muscle.0 / STATE_PA, 0.0]);
     }
 
-    fn rates(&self, at: &LinePoint, state: &[f64], rates: &mut [f64]) {
+    fn rates(&self, point: &LinePoint, state: &[f64], rates: &mut [f64]) {
         let angular_per_s = TAU / self.period_s;
         let damping_ratio = self.damping_ratio(state[1] * STATE_PA);
-        let pull = at.muscle.0 / STATE_PA - state[0] - 2.0 * damping_ratio * state[1];
+        let pull = point.muscle.0 / STATE_PA - state[0] - 2.0 * damping_ratio * state[1];
         rates[0] = angular_per_s * state[1];
         rates[1] = angular_per_s * pull;
     }
@@ -461,13 +483,15 @@ impl LineTerm for SensorTube {
             .first()
             .map_or(sensor, |sensor| GaugePa(sensor * STATE_PA))
     }
+}
 
-    /// p + 2ζ/ω ṗ + p̈/ω², by differences over an eighth of a period: less would be noise, more
-    /// miss 5 % of a ringing.
+impl Observation for SensorTube {
+    /// p + 2ζ/ω ṗ + p̈/ω² by differences over an eighth of a period: shorter ones would amplify the
+    /// noise, longer ones miss more than 5 % of a ringing.
     fn before_sensor_pa(&self, time_s: &[f64], read_pa: &[f64]) -> Option<Vec<f64>> {
-        let reach_s = self.period_s / 8.0;
+        let span_s = self.period_s / 8.0;
         let before = |row: usize| {
-            let beyond = |other: &usize| (time_s[*other] - time_s[row]).abs() >= reach_s;
+            let beyond = |other: &usize| (time_s[*other] - time_s[row]).abs() >= span_s;
             let from = (0..row).rev().find(beyond)?;
             let to = (row + 1..time_s.len()).find(beyond)?;
             let [back_s, on_s] = [time_s[row] - time_s[from], time_s[to] - time_s[row]];
@@ -480,10 +504,14 @@ impl LineTerm for SensorTube {
             let ahead = per_angle_s * (2.0 * damping_ratio * rate + per_angle_s * bend);
             ahead.is_finite().then_some(read_pa[row] + ahead)
         };
-        let rows = read_pa.iter().enumerate();
-        Some(
-            rows.map(|(row, read)| before(row).unwrap_or(*read))
-                .collect(),
-        )
+        let before_pa = read_pa
+            .iter()
+            .enumerate()
+            .map(|(row, read_pa)| before(row).unwrap_or(*read_pa))
+            .collect();
+        Some(before_pa)
     }
 }
+
+#[cfg(test)]
+mod tests;

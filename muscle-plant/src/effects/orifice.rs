@@ -1,9 +1,9 @@
-//! Flow through a restriction that may choke, shared by effects.
+//! Flow through a restriction that may choke; several effects use it.
 
 use model_core::pressure::AbsolutePa;
 
-/// Ratio of pressures above which the flow is laminar, linear in their difference: ISO 6358-1
-/// leaves the slope infinite at equal pressures, which no orifice has.
+/// Ratio of pressures above which the flow is laminar, linear in their difference: by ISO 6358-1
+/// the slope would be infinite at equal pressures.
 const LAMINAR_RATIO: f64 = 0.999;
 
 /// A flow-rate characteristic of ISO 6358-1:2013 at reference temperature.
@@ -16,10 +16,10 @@ pub(super) struct Orifice {
 }
 
 impl Orifice {
-    /// Mass flow \[kg/s\] towards the lower pressure; none against it.
+    /// Mass flow \[kg/s\] from `upstream` to `downstream`; 0 if the pressure there is higher.
     pub fn flow_kg_per_s(&self, upstream: AbsolutePa<f64>, downstream: AbsolutePa<f64>) -> f64 {
         let ratio = downstream.0 / upstream.0;
-        // Also where a trial step has left physics.
+        // Also in a trial step that has left the physical range.
         if ratio.is_nan() || ratio >= 1.0 || upstream.0 <= 0.0 {
             return 0.0;
         }
@@ -31,9 +31,9 @@ impl Orifice {
         self.conductance_kg_per_pa_s * upstream.0 * share
     }
 
-    /// The ellipse of the standard.
+    /// The ellipse of the standard: flow relative to the choked one.
     fn subsonic(&self, ratio: f64) -> f64 {
-        let place = (ratio - self.critical_ratio) / (1.0 - self.critical_ratio);
-        (1.0 - place * place).sqrt()
+        let relative = (ratio - self.critical_ratio) / (1.0 - self.critical_ratio);
+        (1.0 - relative * relative).sqrt()
     }
 }

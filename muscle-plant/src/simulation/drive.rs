@@ -1,9 +1,9 @@
-//! The inputs of a simulation, and which part of the rig is simulated.
+//! The inputs of a simulation, and the part of the rig that is simulated.
 
 use crate::subsystem::load::Motion;
 use model_core::pressure::GaugePa;
 
-/// Which part of the rig is simulated; the rest is measured and comes in with the [`Drive`].
+/// The part of the rig that is simulated; the rest is measured and comes with the [`Drive`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Simulated {
     /// Valve, line and gas (else the pressure is an input).
@@ -46,29 +46,30 @@ pub struct Ramp {
     pub rate_per_s: f64,
 }
 
-/// What comes from outside during a stretch of time without jumps.
+/// Inputs during an interval without jumps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Drive {
-    /// Reference pressure that is sent to the valve, held.
+    /// Reference pressure that is sent to the valve, constant.
     pub reference: GaugePa<f64>,
-    /// Mean rate of the prescribed contraction to the next row \[1/s\]. The momentary one is the
-    /// state's, set by [`simulation::Simulation::prescribe_contraction`].
+    /// Mean rate of the prescribed contraction to the next row \[1/s\]. The momentary rate is in
+    /// the state, set by
+    /// [`Simulation::prescribe_contraction`](super::Simulation::prescribe_contraction).
     pub contraction_rate_per_s: f64,
-    /// Rate of the momentary one \[1/s²\].
+    /// Rate of the momentary rate \[1/s²\].
     pub contraction_acceleration_per_s2: f64,
     /// Rate of the prescribed pressure \[Pa/s\].
     pub pressure_rate_pa_per_s: f64,
-    /// Measured supply pressure (gauge, \[Pa\]) in place of the rig's nominal one.
+    /// Measured supply pressure (gauge, \[Pa\]) instead of the nominal one.
     pub supply: Option<Ramp>,
-    /// A cock between valve and line is shut: nothing comes through the valve.
+    /// A shut-off valve between valve and line is shut: no flow through the valve.
     pub shut: bool,
 }
 
-/// What holds between two events, in which the equations are smooth.
+/// Conditions between two events, in which the equations are smooth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Regime {
-    /// How the weight moves.
+    /// Motion of the weight.
     pub motion: Motion,
-    /// Air flows into the muscle (which sets the heat transfer).
+    /// Air flows into the muscle (which determines the heat transfer).
     pub charging: bool,
 }

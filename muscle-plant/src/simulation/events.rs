@@ -1,5 +1,5 @@
-//! What ends a regime, located on a step's continuous extension: breakaway, standstill, the stop and
-//! the flow's reversal.
+//! What ends a regime, located on a step's continuous extension: breakaway, standstill, the stop
+//! and the flow's reversal.
 
 use super::drive::Drive;
 use super::integrate::Step;
@@ -7,24 +7,26 @@ use super::plant::{CONTRACTION, CONTRACTION_RATE, PRESSURE, Plant};
 use super::trajectory::Trajectory;
 use crate::subsystem::load::{LoadSubsystem, Motion};
 
-/// The share of a step to which a change of motion is located: below 1e-15 s of 10 ms.
+/// Accuracy of the location of a change of motion, as a share of the step: below 1e-15 s of 10 ms.
 const MOTION_FRACTION: f64 = 5e-14;
-/// The share of a step to which the flow's reversal is located: heat transfer jumps, states do not.
+/// Accuracy of the location of a flow reversal, as a share of the step: only the heat transfer
+/// jumps there, not the states.
 const FLOW_FRACTION: f64 = 1e-6;
-/// Below this contraction the weight touches the stop: far below any encoder, far above rounding.
+/// Contraction below which the weight touches the stop: far below the resolution of any encoder,
+/// far above rounding.
 const CONTACT: f64 = 1e-12;
 
-/// What ends a regime.
+/// An event that ends a regime.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Event {
-    /// The weight stops, meets the stop, or breaks away.
+    /// The weight comes to rest, meets the stop, or breaks away.
     Motion,
     /// The flow into the muscle reverses.
     Flow,
 }
 
 impl<const N: usize> Trajectory<N> {
-    /// Goes to `event` in `step` and into the regime that follows it.
+    /// Advances to `event` in `step` and into the regime that follows.
     pub(super) fn pass(
         &mut self,
         plant: &Plant,
@@ -42,7 +44,7 @@ impl<const N: usize> Trajectory<N> {
         self.work.events += 1;
     }
 
-    /// What ends the regime first in `step`, and where, as a fraction of it.
+    /// The first event in `step`, and its position as a fraction of the step.
     #[inline]
     pub(super) fn event(
         &self,
@@ -63,7 +65,7 @@ impl<const N: usize> Trajectory<N> {
         }
     }
 
-    /// Where in `step` the flow has reversed.
+    /// Position in `step` at which the flow has reversed.
     #[inline]
     fn flow_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
         plant.pneumatics.as_ref()?;
@@ -83,7 +85,7 @@ impl<const N: usize> Trajectory<N> {
         })
     }
 
-    /// Where in `step` the flow leaves its reversal.
+    /// Position in `step` at which the flow leaves zero.
     #[cold]
     fn slide_end(&self, plant: &Plant, drive: &Drive, step: &Step<N>) -> Option<f64> {
         let margin = |fraction: f64, state: &[f64; N]| {
@@ -99,8 +101,8 @@ impl<const N: usize> Trajectory<N> {
         })
     }
 
-    /// Brings a flow that is at its reversal to the other sign, or keeps it there: where charging
-    /// turns it outward and discharging inward it can have neither sign.
+    /// Gives a flow at its reversal the other sign, or keeps it at zero: if charging makes it
+    /// negative and discharging positive, it can have neither sign.
     fn change_flow(&mut self, plant: &Plant, drive: &Drive) {
         let (share, _) = plant.at_reversal(self.time_s, drive, self.regime, &self.state);
         if self.sliding {
@@ -112,7 +114,7 @@ impl<const N: usize> Trajectory<N> {
         }
     }
 
-    /// Where in `step` the weight stops, meets the stop, or breaks away.
+    /// Position in `step` at which the weight comes to rest, meets the stop, or breaks away.
     #[inline]
     fn motion_end(&self, plant: &Plant, load: &LoadSubsystem, step: &Step<N>) -> Option<f64> {
         let (begin, end) = (&step.rates[0], &step.rates[6]);
@@ -123,7 +125,7 @@ impl<const N: usize> Trajectory<N> {
                     -plant.breakaway_n(load, time_s, state).0
                 };
                 let margin_at = |fraction: f64| margin(fraction, &step.interpolate(fraction));
-                // The pressure may pass a maximum within the step: look at its middle too.
+                // The pressure may pass a maximum within the step: check its middle too.
                 let turns = begin[PRESSURE] * end[PRESSURE] < 0.0;
                 return if turns && margin_at(0.5) < 0.0 {
                     Some(bracket(0.5, MOTION_FRACTION, margin_at).1)
@@ -136,7 +138,7 @@ impl<const N: usize> Trajectory<N> {
             Motion::Rising => 1.0,
             Motion::Falling => -1.0,
         };
-        // The stop ends a fall as well as standstill does.
+        // The stop ends a fall, as standstill does.
         let margin = |state: &[f64; N]| {
             let speed_per_s = sign * state[CONTRACTION_RATE];
             if sign > 0.0 {
@@ -160,11 +162,11 @@ impl<const N: usize> Trajectory<N> {
         None
     }
 
-    /// Brings a weight that has just stopped, met the stop, or broken away into its next motion.
+    /// Sets the next motion of a weight that has just come to rest, met the stop, or broken away.
     fn change_motion(&mut self, plant: &Plant) {
         let Some(load) = &plant.load else { return };
         self.state[CONTRACTION_RATE] = 0.0;
-        // The stop takes the weight without a bounce.
+        // The weight meets the stop without rebound.
         if self.regime.motion == Motion::Falling && self.state[CONTRACTION] < CONTACT {
             self.state[CONTRACTION] = 0.0;
         }
@@ -172,27 +174,28 @@ impl<const N: usize> Trajectory<N> {
     }
 }
 
-/// The place in [0, 1] where `value` is lowest, from its ends and its slopes there, of which the
-/// first falls and the second rises: that of the cubic through them, made better by a
+/// Position in [0, 1] of the minimum of `value`, from its values and slopes at the ends, of which
+/// the first is negative and the second positive: that of the cubic through them, refined by a
 /// parabola about it.
 fn lowest(begin: f64, end: f64, slopes: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
     let cubic = slopes[0] + slopes[1] + 2.0 * (begin - end);
     let square = 3.0 * (end - begin) - 2.0 * slopes[0] - slopes[1];
     let root = (square * square - 3.0 * cubic * slopes[0]).max(0.0).sqrt();
     let lowest = (-slopes[0] / (square + root)).clamp(0.01, 0.99);
-    let reach = 0.1 * lowest.min(1.0 - lowest);
-    let [left, middle, right] = [lowest - reach, lowest, lowest + reach].map(value);
+    let half_width = 0.1 * lowest.min(1.0 - lowest);
+    let [left, middle, right] = [lowest - half_width, lowest, lowest + half_width].map(value);
     let curvature = left - 2.0 * middle + right;
     if curvature > 0.0 {
-        lowest + (0.5 * reach * (left - right) / curvature).clamp(-reach, reach)
+        lowest + (0.5 * half_width * (left - right) / curvature).clamp(-half_width, half_width)
     } else {
         lowest
     }
 }
 
-/// Narrows [0, `to`], where `margin` is ≥ 0 at 0 and below at `to`, to `width_max`: the last place
-/// where it is not negative and the first where it is. By the method of Oliveira and Takahashi
-/// (ITP, ACM TOMS 47 (2020) 5): the steps of regula falsi, one more than bisection's at most.
+/// Bracket of the root of `margin` in [0, `to`], where it is ≥ 0 at 0 and negative at `to`, of at
+/// most `width_max`: the last position where it is not negative and the first where it is. Method
+/// of Oliveira and Takahashi (ITP, ACM TOMS 47 (2020) 5): as few steps as regula falsi, and at most
+/// one more than bisection.
 fn bracket(to: f64, width_max: f64, margin: impl Fn(f64) -> f64) -> (f64, f64) {
     let (mut yes, mut no) = (0.0, to);
     let (mut margin_yes, mut margin_no) = (margin(yes).max(0.0), margin(no));
@@ -208,7 +211,7 @@ fn bracket(to: f64, width_max: f64, margin: impl Fn(f64) -> f64) -> (f64, f64) {
         } else {
             middle - toward * (radius - 0.5 * width + width_max)
         };
-        // Rounding must not leave the bracket, nor stand on its edge.
+        // Rounding must not put the position outside the bracket or on its edge.
         let place = if place > yes && place < no {
             place
         } else {

@@ -1,5 +1,5 @@
-//! The plant in time: how the subsystems connect, what drives them, and adaptive steps between
-//! located events.
+//! The plant in time: connections of the subsystems, inputs, and adaptive steps between located
+//! events.
 
 mod drive;
 mod events;

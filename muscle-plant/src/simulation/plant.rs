@@ -1,4 +1,4 @@
-//! The muscle plant: blocks, and how they connect (Eqs 1–5 and 9).
+//! The muscle plant: its subsystems and their connections (Eqs 1–5 and 9).
 //!
 //! ```text
 //! P_r ─ line (delay) ─ valve ─ line (hose) ─ gas ─ P ─ muscle force ─ F ─ load ─ ε
@@ -6,9 +6,9 @@
 //!                      supply                          sensors read P, ε, F
 //! ```
 //!
-//! A block is its nominal equation and a list of terms, the effects that were added to it. Terms
-//! are called out of line, with a copy of what they see, so that the nominal plant keeps all of it
-//! in registers. Each block runs alone when what it needs is measured: without a load the
+//! A subsystem is its nominal equation and a list of terms, the effects that were added to it.
+//! Terms are called out of line, with a copy of their inputs, so that the nominal plant keeps all
+//! of them in registers. A subsystem can run alone on measured inputs: without a load the
 //! contraction is an input, without pneumatics the pressure is ([`Simulated`]). Pressures in the
 //! state are absolute.
 
@@ -27,31 +27,31 @@ use model_core::muscle::Volume;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use std::ops::Range;
 
-/// Place of the contraction ε \[-\] in the state.
+/// Index of the contraction ε \[-\] in the state.
 pub const CONTRACTION: usize = 0;
-/// Place of the contraction rate \[1/s\] in the state.
+/// Index of the contraction rate \[1/s\] in the state.
 pub const CONTRACTION_RATE: usize = 1;
-/// Place of the absolute pressure \[Pa\] in the state.
+/// Index of the absolute pressure \[Pa\] in the state.
 pub const PRESSURE: usize = 2;
-/// Place of the gas temperature \[K\] in the state.
+/// Index of the gas temperature \[K\] in the state.
 pub const TEMPERATURE: usize = 3;
-/// How many states the nominal plant has; those of effects follow.
+/// Number of states of the nominal plant; those of effects follow.
 pub const NOMINAL_STATES: usize = 4;
-/// How many states a plant with effects may have.
+/// Largest number of states of a plant with effects.
 pub const STATES_MAX: usize = 40;
 
-/// Time over which the rate of the flow is looked at \[s\].
+/// Time step of the difference quotient of the flow \[s\].
 const FLOW_SLOPE_S: f64 = 1e-6;
-/// Halvings in which a memory is found that holds the weight.
+/// Bisections in the search for a memory that holds the weight.
 const BIAS_HALVINGS: u32 = 40;
 
-/// Valve, line, supply and gas: what makes the pressure.
+/// Valve, line, supply and gas, which determine the pressure.
 pub struct Pneumatics {
     /// The servo valve.
     pub valve: ValveSubsystem,
     /// Hose and command line.
     pub line: LineSubsystem,
-    /// What feeds the valve.
+    /// The air supply of the valve.
     pub supply: SupplySubsystem,
     /// The air in the muscle.
     pub gas: GasSubsystem,
@@ -71,14 +71,14 @@ pub struct Plant {
     pub atmospheric: AbsolutePa<f64>,
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
-    /// What the rig says of the muscle's air and volume, if it does.
+    /// Air and volume of the muscle, if the rig has them.
     filling: Option<(Gas, Volume<f64>)>,
-    /// Where the states of each term that was added stand, in the order of adding.
+    /// Position of the states of each added term, in the order of adding.
     term_states: Vec<Range<usize>>,
     states: usize,
 }
 
-/// Why no plant can be built.
+/// Reasons for which no plant can be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlantError {
     /// The pressure is simulated without a valve.
@@ -95,12 +95,12 @@ pub enum PlantError {
     TooManyStates {
         /// States of all terms together.
         found: usize,
-        /// How many fit.
+        /// Largest number.
         max: usize,
     },
 }
 
-/// One instant of the pneumatics: what each of its blocks sees, and the flow into the muscle.
+/// One instant of the pneumatics: the inputs of each subsystem, and the flow into the muscle.
 struct PneumaticSignals {
     supply: SupplyPoint,
     valve: ValvePoint,
@@ -110,7 +110,7 @@ struct PneumaticSignals {
 }
 
 impl Pneumatics {
-    // Always inline: most callers need little of what it returns.
+    // Always inline: most callers need a small part of the result.
     #[inline(always)]
     fn signals(
         &self,
@@ -173,8 +173,8 @@ impl Pneumatics {
 }
 
 impl Plant {
-    /// The plant of a rig with these `nominal` values and `terms`, as far as it is `simulated`. A
-    /// term of a subsystem that is not simulated has no effect.
+    /// The simulated part of a rig with these `nominal` values and `terms`. A term of a subsystem
+    /// that is not simulated has no effect.
     ///
     /// # Errors
     /// A nominal value is needed and absent, or the terms have too many states.
@@ -249,7 +249,7 @@ impl Plant {
         self.states
     }
 
-    /// Adds an effect to its block. On a block that is not simulated it rests.
+    /// Adds a term to its subsystem. A term of a subsystem that is not simulated is dropped.
     pub fn add(&mut self, term: Term) {
         let first = self.states;
         let states = match (term, &mut self.pneumatics, &mut self.load) {
@@ -273,13 +273,13 @@ impl Plant {
         self.states += states;
     }
 
-    /// Where in the state the states of the term stand that was added as number `number`, from 0; an
-    /// empty range for a term without states or of a subsystem that is not simulated.
+    /// Position in the state of the states of the term that was added as number `number`, from 0;
+    /// an empty range for a term without states or of a subsystem that is not simulated.
     pub fn term_states(&self, number: usize) -> Range<usize> {
         self.term_states.get(number).cloned().unwrap_or_default()
     }
 
-    /// The air in a muscle whose pressure is an input, if the rig says what is needed.
+    /// The air of the muscle where the pressure is an input, if the rig has its constants.
     fn air(&self) -> Option<GasSubsystem> {
         let (gas, volume) = self.filling?;
         Some(GasSubsystem {
@@ -290,7 +290,7 @@ impl Plant {
         })
     }
 
-    /// What the terms of the muscle force see in `state`.
+    /// Inputs of the muscle-force terms in `state`.
     #[inline]
     pub fn muscle_point(&self, time_s: f64, state: &[f64]) -> MusclePoint {
         MusclePoint {
@@ -320,14 +320,14 @@ impl Plant {
             .force_n(&self.muscle_point(time_s, state), state)
     }
 
-    /// How far a weight at rest is from moving \[N\] (see [`LoadSubsystem::breakaway_n`]).
+    /// See [`LoadSubsystem::breakaway_n`].
     #[inline]
     pub fn breakaway_n(&self, load: &LoadSubsystem, time_s: f64, state: &[f64]) -> (f64, Motion) {
         let force_n = self.force_n(time_s, state);
         load.breakaway_n(&self.load_point(time_s, state), state, force_n)
     }
 
-    /// Mass flow from the line into the muscle \[kg/s\]; none where the pressure is an input.
+    /// Mass flow from the line into the muscle \[kg/s\]; 0 where the pressure is an input.
     #[inline]
     pub fn flow_kg_per_s(&self, time_s: f64, drive: &Drive, state: &[f64]) -> f64 {
         self.pneumatics.as_ref().map_or(0.0, |pneumatics| {
@@ -349,10 +349,10 @@ impl Plant {
         if let Some(load) = &self.load {
             if regime.motion != Motion::Stuck {
                 let force_n = self.force_n(time_s, state);
-                let at = self.load_point(time_s, state);
+                let point = self.load_point(time_s, state);
                 rates[CONTRACTION] = state[CONTRACTION_RATE];
                 rates[CONTRACTION_RATE] =
-                    load.acceleration_per_s2(&at, state, force_n, regime.motion);
+                    load.acceleration_per_s2(&point, state, force_n, regime.motion);
             }
         } else {
             rates[CONTRACTION] = state[CONTRACTION_RATE];
@@ -387,10 +387,10 @@ impl Plant {
         rates
     }
 
-    /// At the flow's reversal, where heat transfer jumps: the share of charging that keeps the flow
-    /// there, and the rates with that share. Where it lies in (0, 1) the flow cannot leave, as
-    /// either sign would turn it back (the sliding solution of Filippov); else it is 0 or less
-    /// where the flow leaves outward and 1 or more where it leaves inward.
+    /// At zero flow, where the heat transfer jumps: the share of charging that keeps the flow at
+    /// zero, and the rates with that share. For a share in (0, 1) the flow stays at zero, as either
+    /// sign would reverse it (sliding solution of Filippov); it is 0 or less where the flow becomes
+    /// negative and 1 or more where it becomes positive.
     #[cold]
     pub fn at_reversal<const N: usize>(
         &self,
@@ -419,7 +419,7 @@ impl Plant {
         (share, rates)
     }
 
-    /// Rates of the states that effects on muscle, load and sensors have.
+    /// Rates of the states of the terms of muscle, load and sensors.
     fn term_rates(
         &self,
         (time_s, drive): (f64, &Drive),
@@ -431,9 +431,9 @@ impl Plant {
         muscle.direction = direction;
         self.muscle.terms.rates(&muscle, state, rates);
         if let Some(load) = &self.load {
-            let mut at = self.load_point(time_s, state);
-            at.direction = direction;
-            load.terms.rates(&at, state, rates);
+            let mut point = self.load_point(time_s, state);
+            point.direction = direction;
+            load.terms.rates(&point, state, rates);
         }
         if self.sensors.terms.have_states() {
             let sensors = self.sensor_point(time_s, drive, state);
@@ -441,9 +441,9 @@ impl Plant {
         }
     }
 
-    /// Sets the states of all effects to what they are after a long rest in `state`.
+    /// Sets the states of all effects to their values after a long rest in `state`.
     pub fn steady_state(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
-        // Twice: what a block sees depends on the settled states of those before it.
+        // Twice: the inputs of a subsystem depend on the steady states of those before it.
         self.update_terms(Update::SteadyState, time_s, drive, state);
         self.update_terms(Update::SteadyState, time_s, drive, state);
         if state.len() > NOMINAL_STATES {
@@ -451,10 +451,11 @@ impl Plant {
         }
     }
 
-    /// Chooses among the memories that a rest may have left: one in which the weight does rest.
+    /// Selects, among the memories that are possible after a rest, one with which the weight rests.
     ///
-    /// Where a rate-independent memory stands is not seen in a single instant. A weight at rest
-    /// tells: its forces are in balance, to within static friction. One that pays out tells too.
+    /// A rate-independent memory cannot be observed in a single instant. For a weight at rest the
+    /// forces must balance to within static friction; for one that falls the memory is that of an
+    /// extension.
     fn bias_memory(&self, time_s: f64, drive: &Drive, state: &mut [f64]) {
         let Some(load) = &self.load else { return };
         if state[CONTRACTION_RATE] < 0.0 {
@@ -464,7 +465,7 @@ impl Plant {
         if held || state[CONTRACTION_RATE] != 0.0 {
             return;
         }
-        // The more the memory leans towards drawing in, the less the muscle pulls.
+        // The force falls with the share.
         let (mut low, mut high) = (-1.0, 1.0);
         for _ in 0..BIAS_HALVINGS {
             let share = 0.5 * (low + high);
@@ -477,7 +478,7 @@ impl Plant {
         }
     }
 
-    /// Settles the states of all terms, leans them, or renews their memory, from the supply to the
+    /// Updates the states of all terms in one of the ways of [`Update`], from the supply to the
     /// sensors.
     pub fn update_terms(&self, how: Update, time_s: f64, drive: &Drive, state: &mut [f64]) {
         if state.len() <= NOMINAL_STATES {
@@ -493,8 +494,8 @@ impl Plant {
         let muscle = self.muscle_point(time_s, state);
         self.muscle.terms.update(how, &muscle, state);
         if let Some(load) = &self.load {
-            let at = self.load_point(time_s, state);
-            load.terms.update(how, &at, state);
+            let point = self.load_point(time_s, state);
+            load.terms.update(how, &point, state);
         }
         if !self.sensors.terms.is_empty() {
             let sensors = self.sensor_point(time_s, drive, state);
@@ -502,8 +503,8 @@ impl Plant {
         }
     }
 
-    /// Takes the states of muscle and sensors on where pressure and contraction are inputs: from an
-    /// instant to another, at which those are already in `state`.
+    /// Propagates the states of muscle and sensors where pressure and contraction are inputs, from
+    /// an instant to another; `state` already contains the inputs at the latter.
     pub fn propagate(&self, (from_s, before): (f64, &[f64]), to_s: f64, state: &mut [f64]) {
         let from = self.muscle_point(from_s, before);
         let to = self.muscle_point(to_s, state);
@@ -536,7 +537,7 @@ impl Plant {
         }
     }
 
-    /// What the instruments read in `state` under `drive`, without noise.
+    /// Readings of the instruments in `state` under `drive`, without noise.
     pub fn read(&self, time_s: f64, drive: &Drive, state: &[f64]) -> Reading {
         self.sensors
             .read(&self.sensor_point(time_s, drive, state), state)
@@ -544,8 +545,8 @@ impl Plant {
 }
 
 impl Pneumatics {
-    /// Mass flows through the valve into the line, and out of the supply \[kg/s\]; where that is
-    /// `limited`, its pressure is not held.
+    /// Mass flows through the valve into the line, and out of the supply \[kg/s\]; `limited` if the
+    /// pressure of the supply is not constant.
     #[inline]
     fn flows(&self, valve: &ValvePoint, limited: bool, state: &[f64]) -> [f64; 2] {
         let flow_kg_per_s = self.valve.flow_kg_per_s(valve, state);
@@ -555,8 +556,8 @@ impl Pneumatics {
         [flow_kg_per_s, flow_kg_per_s.max(0.0)]
     }
 
-    /// Air that flows back through a valve open to its supply is the supply's again, or stays in
-    /// the line where a check valve is.
+    /// Air that flows back through a valve that is open to its supply returns to the supply, or
+    /// stays in the line if there is a check valve.
     #[cold]
     fn flow_back(&self, valve: &ValvePoint, flow_kg_per_s: f64, state: &[f64]) -> [f64; 2] {
         if flow_kg_per_s >= 0.0 || !self.valve.open_to_supply(valve, state) {
@@ -568,8 +569,8 @@ impl Pneumatics {
         }
     }
 
-    /// Pressure at the valve's port before a resistance without volume; `valve` comes with the
-    /// pressure behind that.
+    /// Pressure at the valve's port before a resistance without volume; `valve.port` is the
+    /// pressure behind it.
     #[cold]
     fn before(
         &self,
@@ -583,7 +584,7 @@ impl Pneumatics {
         })
     }
 
-    /// Rates of the states that effects on these blocks have.
+    /// Rates of the states of the terms of the pneumatics.
     fn term_rates(&self, signals: &PneumaticSignals, state: &[f64], rates: &mut [f64]) {
         self.supply.terms.rates(&signals.supply, state, rates);
         self.line.terms.rates(&signals.line, state, rates);

@@ -1,7 +1,7 @@
-//! The state of a plant on its way: adaptive steps between two jumps of the drive.
+//! The state of a plant in time: adaptive steps between two jumps of the drive.
 //!
-//! Between two jumps of the drive and two changes of [`Regime`] the equations are smooth, and a
-//! step never spans one: breakaway, standstill, the stop and the flow's reversal are found on the
+//! Between two jumps of the drive and two changes of [`Regime`] the equations are smooth, and no
+//! step spans one: breakaway, standstill, the stop and the reversal of the flow are located on the
 //! step's continuous extension (`events.rs`), and the next step begins there.
 
 use super::drive::{Drive, Regime};
@@ -11,50 +11,50 @@ use crate::subsystem::load::{LoadSubsystem, Motion};
 use crate::subsystem::term::Update;
 use model_core::pressure::GaugePa;
 
-/// Default local error per step, relative to each state's range: the benchmark's work-precision
-/// table shows what it costs and gives.
+/// Default local error per step, relative to each state's range; the work-precision table of the
+/// benchmark shows its cost and accuracy.
 pub const TOLERANCE: f64 = 1e-5;
 
 /// Ranges that the tolerance is relative to: ε, ε̇ \[1/s\], P \[Pa\], θ \[K\]; 1 for effects.
 const RANGES: [f64; NOMINAL_STATES] = [0.25, 1.0, 4e5, 100.0];
-/// Shortest step \[s\]: below it the equations have left physics.
+/// Shortest step \[s\]: a shorter one means that the state has left the physical range.
 const STEP_S_MIN: f64 = 1e-11;
-/// Changes of motion that one advance may see; physics needs a handful in 10 ms.
+/// Largest number of events in one advance; some five in 10 ms are physical.
 const EVENTS_MAX: u32 = 10_000;
-/// What a step may shrink by.
+/// Smallest factor between two steps.
 const GROWTH_MIN: f64 = 0.2;
-/// What a step may grow by.
+/// Largest factor between two steps.
 const GROWTH_MAX: f64 = 5.0;
-/// The share of the estimated step that is dared.
+/// Safety factor on the estimated step.
 const SAFETY: f64 = 0.9;
 /// Relative error below which a step may grow by [`GROWTH_MAX`]: (SAFETY / GROWTH_MAX)⁵.
 const ERROR_NEGLIGIBLE: f64 = 1.889568e-4;
-/// Trial steps that are no steps: the error is not finite, say.
+/// Relative error of a trial step that must be repeated, as its error is not finite.
 const REFUSED: f64 = f64::INFINITY;
 
-/// Why a simulation could not go on.
+/// Reasons for which a simulation cannot continue.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SimulationError {
-    /// No step is short enough: the state has left physics.
+    /// No step is short enough: the state has left the physical range.
     #[error(
         "the plant's equations have no solution past {time_s:.6} s (step below {step_s:.1e} s)"
     )]
     NoStep {
-        /// When \[s\].
+        /// Time \[s\].
         time_s: f64,
         /// The step that was refused \[s\].
         step_s: f64,
     },
-    /// The weight starts and stops without end.
-    #[error("the weight starts and stops without end at {time_s:.6} s")]
+    /// The weight starts and stops repeatedly.
+    #[error("the weight starts and stops more than 10 000 times at {time_s:.6} s")]
     Chatter {
-        /// When \[s\].
+        /// Time \[s\].
         time_s: f64,
     },
 }
 
 impl SimulationError {
-    /// When it could not go on \[s\].
+    /// Time at which it could not continue \[s\].
     pub fn time_s(&self) -> f64 {
         match self {
             SimulationError::NoStep { time_s, .. } | SimulationError::Chatter { time_s } => *time_s,
@@ -62,7 +62,7 @@ impl SimulationError {
     }
 }
 
-/// Where a simulation begins.
+/// Initial state of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Initial {
     /// Time \[s\].
@@ -78,7 +78,8 @@ pub struct Initial {
 }
 
 impl Initial {
-    /// At time 0: `plant` at rest on its stop, its muscle vented, its gas at ambient temperature.
+    /// At time 0: `plant` at rest on its stop, with a vented muscle and the gas at ambient
+    /// temperature.
     pub fn vented(plant: &Plant) -> Initial {
         Initial {
             time_s: 0.0,
@@ -90,33 +91,33 @@ impl Initial {
     }
 }
 
-/// What the integrator did.
+/// Counts of the integrator.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Work {
     /// Accepted steps.
     pub steps: u64,
-    /// Steps tried again, shorter.
+    /// Steps that were repeated with a shorter length.
     pub refused: u64,
-    /// Changes of motion.
+    /// Events: changes of the regime.
     pub events: u64,
     /// Evaluations of the plant's equations.
     pub evaluations: u64,
 }
 
-/// A state of `N` values on its way.
+/// A state of `N` values in time.
 pub(super) struct Trajectory<const N: usize> {
     pub(super) time_s: f64,
     pub(super) state: [f64; N],
     pub(super) regime: Regime,
-    /// The flow stays at its reversal: either sign's heat transfer would turn it back.
+    /// The flow stays at zero: the heat transfer of either sign would reverse it.
     pub(super) sliding: bool,
-    /// Rates of the state, where they are known for the drive.
+    /// Rates of the state under a drive, where they are known.
     pub(super) rates: Option<(Drive, [f64; N])>,
-    /// Per state: 1 over the error that is allowed.
+    /// Per state: reciprocal of the admitted error.
     pub(super) per_error: [f64; N],
-    /// A flow within this is no reversal \[kg/s\].
+    /// A reversed flow up to this is not an event \[kg/s\].
     pub(super) flow_error_kg_per_s: f64,
-    /// The step that fitted after the last jump of the drive, and the one that fits now \[s\].
+    /// The length of the first step after the last jump of the drive, and the present length \[s\].
     pub(super) step_s_after_jump: f64,
     pub(super) step_s: f64,
     pub(super) work: Work,
@@ -168,7 +169,7 @@ impl<const N: usize> Trajectory<N> {
         trajectory
     }
 
-    /// How a weight without speed goes on.
+    /// Next motion of a weight without speed.
     pub(super) fn at_rest(&self, plant: &Plant, load: &LoadSubsystem) -> Motion {
         let (breakaway_n, motion) = plant.breakaway_n(load, self.time_s, &self.state);
         if breakaway_n > 0.0 {
@@ -178,14 +179,14 @@ impl<const N: usize> Trajectory<N> {
         }
     }
 
-    /// Largest estimated error of a step, over the allowed one.
+    /// Largest estimated error of a step, relative to the admitted one.
     #[inline]
     fn relative_error(&self, step: &Step<N>) -> f64 {
         let error = step.error();
         let mut worst = 0.0;
         for (error, per_error) in error.iter().zip(&self.per_error) {
             let relative = (error * per_error).abs();
-            // Not `max`, which would hide a NaN.
+            // Not `max`, which drops a NaN.
             if relative > worst || relative.is_nan() {
                 worst = relative;
             }
@@ -193,8 +194,8 @@ impl<const N: usize> Trajectory<N> {
         if worst.is_nan() { REFUSED } else { worst }
     }
 
-    /// The step that fits after one of `length_s` with this error: one that was cut short by the
-    /// drive, and has none, tells nothing of longer ones.
+    /// Length of the next step after one of `length_s` with this error. A step that was short
+    /// because the drive ended, with a negligible error, does not limit the next one.
     fn fitting_s(&self, length_s: f64, error: f64) -> f64 {
         let fitting_s = length_s * growth(error);
         if error < ERROR_NEGLIGIBLE {
@@ -204,8 +205,8 @@ impl<const N: usize> Trajectory<N> {
         }
     }
 
-    /// The rates after a jump of the drive: the flow has its sign anew, and the step is the one
-    /// that fitted after the last jump.
+    /// The rates after a jump of the drive, with the sign of the new flow and the step length that
+    /// was found after the last jump.
     fn rates_after_jump(&mut self, plant: &Plant, drive: &Drive) -> [f64; N] {
         let flow = plant.flow_kg_per_s(self.time_s, drive, &self.state);
         self.regime.charging = flow > 0.0;
@@ -232,7 +233,7 @@ impl<const N: usize> Trajectory<N> {
         let mut events = 0;
         while self.time_s < until_s {
             let remaining_s = until_s - self.time_s;
-            // Equal steps to the end, rather than a short last one.
+            // Equal steps to the end instead of a short last one.
             let steps = if remaining_s <= self.step_s {
                 1.0
             } else {
@@ -292,12 +293,12 @@ impl<const N: usize> Trajectory<N> {
         Ok(())
     }
 
-    /// Goes to `until_s` where all is input, and straight between its samples.
+    /// Advances to `until_s` where pressure and contraction are inputs, linear between samples.
     fn follow_inputs(&mut self, plant: &Plant, drive: &Drive, until_s: f64) {
         let (from_s, before) = (self.time_s, self.state);
-        let way_s = until_s - from_s;
-        self.state[CONTRACTION] += drive.contraction_rate_per_s * way_s;
-        self.state[PRESSURE] += drive.pressure_rate_pa_per_s * way_s;
+        let length_s = until_s - from_s;
+        self.state[CONTRACTION] += drive.contraction_rate_per_s * length_s;
+        self.state[PRESSURE] += drive.pressure_rate_pa_per_s * length_s;
         self.time_s = until_s;
         if N > NOMINAL_STATES {
             plant.propagate((from_s, &before), until_s, &mut self.state);
@@ -315,7 +316,7 @@ impl<const N: usize> Trajectory<N> {
         Step::take(f, self.time_s, &self.state, rates, length_s)
     }
 
-    /// A step along the flow's reversal.
+    /// A step at zero flow.
     #[cold]
     fn sliding_step(
         &self,
@@ -341,14 +342,14 @@ impl<const N: usize> Trajectory<N> {
     }
 }
 
-/// Factor on the step, from the error relative to the allowed one, for a method of order 5.
+/// Factor on the step length from the relative error, for a method of order 5.
 #[inline]
 fn growth(error: f64) -> f64 {
-    // Most steps of a weight at rest: spares the power.
+    // Most steps of a weight at rest; avoids the cost of the power function.
     if error < ERROR_NEGLIGIBLE {
         return GROWTH_MAX;
     }
-    // Single precision is plenty, and cheaper.
+    // Single precision is sufficient, and cheaper.
     let fitting = f64::from((error as f32).powf(-0.2));
     (SAFETY * fitting).clamp(GROWTH_MIN, GROWTH_MAX)
 }

@@ -1,4 +1,4 @@
-//! The gas block: mass and energy of the air in the muscle (Eqs 3 and 4).
+//! The gas: mass and energy of the air in the muscle (Eqs 3 and 4).
 
 use super::term::{Dynamics, Terms};
 use crate::nominal::Gas;
@@ -19,7 +19,7 @@ const R: f64 = GAS_CONSTANT_J_PER_KG_K;
 const CV: f64 = HEAT_CONSTANT_VOLUME_J_PER_KG_K;
 const CP: f64 = HEAT_CONSTANT_PRESSURE_J_PER_KG_K;
 
-/// What a term of the gas block sees.
+/// The inputs of a gas term.
 #[derive(Clone, Copy, Debug)]
 pub struct GasPoint {
     /// Time \[s\].
@@ -31,29 +31,29 @@ pub struct GasPoint {
     /// Gas temperature \[K\].
     pub temperature_k: f64,
     /// Nominal heat transfer coefficient h of the present regime \[W/(m²·K)\]. It jumps with the
-    /// flow's sign, so whoever integrates changes it between steps.
+    /// sign of the flow, so that the integration changes it between steps only.
     pub heat_transfer_w_per_m2_k: f64,
     /// Ambient temperature \[K\].
     pub ambient_temperature_k: f64,
 }
 
-/// What crosses the muscle's wall and port.
+/// Exchange of mass and heat through the muscle's port and wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exchange {
     /// Mass flow in, at ambient temperature \[kg/s\], ≥ 0.
     pub inflow_kg_per_s: f64,
-    /// Mass flow out, at the gas's temperature \[kg/s\], ≥ 0.
+    /// Mass flow out, at the temperature of the gas \[kg/s\], ≥ 0.
     pub outflow_kg_per_s: f64,
     /// Heat transfer coefficient h \[W/(m²·K)\].
     pub heat_transfer_w_per_m2_k: f64,
-    /// Temperature of the wall that takes the heat \[K\]; the ambient one in the nominal muscle.
+    /// Temperature of the wall \[K\]; ambient in the nominal muscle.
     pub wall_temperature_k: f64,
 }
 
-/// A term of the gas block: changes what is exchanged (a leak, a heat store).
+/// A term of the gas: changes the exchange (a leak, a wall that stores heat).
 pub trait GasTerm: Dynamics<GasPoint> + Send + Sync {
     /// Changes `exchange`.
-    fn exchange(&self, at: &GasPoint, state: &[f64], exchange: &mut Exchange);
+    fn exchange(&self, point: &GasPoint, state: &[f64], exchange: &mut Exchange);
 }
 
 /// The air in the muscle.
@@ -74,8 +74,8 @@ impl GasSubsystem {
         pressure.0 * self.volume.volume_m3(contraction) / (R * temperature_k)
     }
 
-    /// Area that exchanges heat S_h \[m²\]: the side of a cylinder of the muscle's volume and
-    /// length L(1−ε), S_h = 2√(πV·L(1−ε)).
+    /// Area of heat exchange S_h \[m²\]: the lateral area of a cylinder with the muscle's volume
+    /// and length L(1−ε), S_h = 2√(πV·L(1−ε)).
     #[inline]
     pub fn wall_area_m2(&self, contraction: f64, volume_m3: f64) -> f64 {
         let length_m = self.initial_length_m * (1.0 - contraction);
@@ -92,26 +92,26 @@ impl GasSubsystem {
         }
     }
 
-    /// What the nominal muscle exchanges when `flow_kg_per_s` comes from the line (out of the
-    /// muscle if negative), with the terms' changes.
+    /// Exchange with all terms at a mass flow `flow_kg_per_s` from the line into the muscle (out of
+    /// it if negative).
     #[inline]
-    pub fn exchange(&self, at: &GasPoint, flow_kg_per_s: f64, state: &[f64]) -> Exchange {
+    pub fn exchange(&self, point: &GasPoint, flow_kg_per_s: f64, state: &[f64]) -> Exchange {
         let mut exchange = Exchange {
             inflow_kg_per_s: flow_kg_per_s.max(0.0),
             outflow_kg_per_s: (-flow_kg_per_s).max(0.0),
-            heat_transfer_w_per_m2_k: at.heat_transfer_w_per_m2_k,
+            heat_transfer_w_per_m2_k: point.heat_transfer_w_per_m2_k,
             wall_temperature_k: self.gas.ambient_temperature_k,
         };
         if !self.terms.is_empty() {
-            exchange = self.with_terms(*at, state, exchange);
+            exchange = self.with_terms(*point, state, exchange);
         }
         exchange
     }
 
     #[inline(never)]
-    fn with_terms(&self, at: GasPoint, state: &[f64], mut exchange: Exchange) -> Exchange {
-        for (term, own) in self.terms.iter(state) {
-            term.exchange(&at, own, &mut exchange);
+    fn with_terms(&self, point: GasPoint, state: &[f64], mut exchange: Exchange) -> Exchange {
+        for (term, state) in self.terms.iter(state) {
+            term.exchange(&point, state, &mut exchange);
         }
         exchange
     }
@@ -119,18 +119,18 @@ impl GasSubsystem {
     /// Rates of absolute pressure \[Pa/s\] and temperature \[K/s\], Eqs 3 and 4 solved for them.
     ///
     /// Eq 4 (energy, with the signs of the errata) reads d(C_v W θ)/dt = C_p(G_in θ_a − G_out θ)
-    /// − P V̇ + h S_h(θ_w − θ), the wall at θ_w = θ_a where no term has warmed it. With W = PV/(Rθ)
+    /// − P V̇ + h S_h(θ_w − θ), with the wall at θ_w = θ_a unless a term warms it. With W = PV/(Rθ)
     /// its left side is (C_v/R)(V Ṗ + P V̇), which gives Ṗ; then P V̇ + V Ṗ = G R θ + W R θ̇ (Eq 3)
     /// gives θ̇. Valid for V > 0, P > 0, θ > 0.
     #[inline]
     pub fn rates(
         &self,
-        at: &GasPoint,
+        point: &GasPoint,
         contraction: f64,
         contraction_rate_per_s: f64,
         exchange: &Exchange,
     ) -> (f64, f64) {
-        let (pressure_pa, temperature_k) = (at.pressure.0, at.temperature_k);
+        let (pressure_pa, temperature_k) = (point.pressure.0, point.temperature_k);
         let ambient_k = self.gas.ambient_temperature_k;
         let volume_m3 = self.volume.volume_m3(contraction);
         let volume_rate_m3_per_s = self.volume.slope_m3(contraction) * contraction_rate_per_s;
@@ -142,7 +142,7 @@ impl GasSubsystem {
             * area_m2
             * (exchange.wall_temperature_k - temperature_k);
         let work_w = pressure_pa * volume_rate_m3_per_s;
-        // V Ṗ and P V̇ are powers: one division serves both rates.
+        // V Ṗ and P V̇ are powers, so that one division suffices for both rates.
         let charging_w = (R / CV) * (enthalpy_w - work_w + heat_w) - work_w;
         let net_flow_kg_per_s = exchange.inflow_kg_per_s - exchange.outflow_kg_per_s;
         let per_energy = 1.0 / (pressure_pa * volume_m3);

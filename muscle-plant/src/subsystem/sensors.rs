@@ -1,9 +1,9 @@
-//! The sensor block: what the rig's instruments read.
+//! The instruments of the rig: readings of pressure, contraction and force.
 
 use super::term::{Dynamics, Terms};
 use model_core::pressure::GaugePa;
 
-/// What the instruments read; what comes in is the truth at their place.
+/// Readings of the instruments, or the true values where they are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
     /// Pressure at the valve's port.
@@ -14,36 +14,24 @@ pub struct Reading {
     pub force_n: f64,
 }
 
-/// What a term of the sensor block sees.
+/// The inputs of a sensor term.
 #[derive(Clone, Copy, Debug)]
 pub struct SensorPoint {
     /// Time \[s\].
     pub time_s: f64,
     /// L \[m\].
     pub initial_length_m: f64,
-    /// The truth.
+    /// The true values.
     pub truth: Reading,
 }
 
-/// A term of the sensor block.
+/// A term of the sensors.
 pub trait SensorTerm: Dynamics<SensorPoint> + Send + Sync {
-    /// Changes what is read.
-    fn read(&self, at: &SensorPoint, state: &[f64], reading: &mut Reading);
-
-    /// Half the way \[-\] that the muscle may go without any change of what is read of its
-    /// contraction, because that has play.
-    fn play(&self, _initial_length_m: f64) -> f64 {
-        0.0
-    }
-
-    /// The contraction \[-\] that would be read with [`SensorTerm::play`] alone, row by row, from
-    /// what was read, NaN in gaps; `None` where that is the same.
-    fn without_further_play(&self, _initial_length_m: f64, _read: &[f64]) -> Option<Vec<f64>> {
-        None
-    }
+    /// Changes the reading.
+    fn read(&self, point: &SensorPoint, state: &[f64], reading: &mut Reading);
 }
 
-/// The sensors.
+/// The sensors, ideal without terms.
 pub struct SensorSubsystem {
     /// L \[m\].
     pub initial_length_m: f64,
@@ -52,25 +40,24 @@ pub struct SensorSubsystem {
 }
 
 impl SensorSubsystem {
-    /// The truth that the instruments read as `reading` at `time_s`: the inverse of
-    /// [`SensorSubsystem::read`], for sensors without dynamics whose gain is within a factor of two. A
-    /// term with memory (backlash) is taken to read true: one sample does not tell on which side of
-    /// its play it stands.
+    /// The true values for which the instruments read `reading` at `time_s`: the inverse of
+    /// [`SensorSubsystem::read`], for sensors without dynamics and a gain within a factor of two. A
+    /// term with states (backlash) is ignored, as a single sample does not determine its state.
     pub fn truth(&self, time_s: f64, reading: Reading) -> Reading {
         let mut truth = reading;
         if self.terms.without_states().next().is_none() {
             return truth;
         }
-        // Each pass removes the share of the error by which the gain differs from one.
+        // Fixed-point iteration: a pass multiplies the error by the deviation of the gain from 1.
         for _ in 0..60 {
-            let at = SensorPoint {
+            let point = SensorPoint {
                 time_s,
                 initial_length_m: self.initial_length_m,
                 truth,
             };
             let mut read = truth;
             for term in self.terms.without_states() {
-                term.read(&at, &[], &mut read);
+                term.read(&point, &[], &mut read);
             }
             let before = truth;
             truth.pressure.0 += reading.pressure.0 - read.pressure.0;
@@ -83,11 +70,11 @@ impl SensorSubsystem {
         truth
     }
 
-    /// What is read of `at.truth`.
-    pub fn read(&self, at: &SensorPoint, state: &[f64]) -> Reading {
-        let mut reading = at.truth;
-        for (term, own) in self.terms.iter(state) {
-            term.read(at, own, &mut reading);
+    /// The readings for `point.truth`.
+    pub fn read(&self, point: &SensorPoint, state: &[f64]) -> Reading {
+        let mut reading = point.truth;
+        for (term, state) in self.terms.iter(state) {
+            term.read(point, state, &mut reading);
         }
         reading
     }

@@ -1,15 +1,15 @@
-//! The supply block: the pressure that feeds the valve.
+//! The air supply: the pressure at the inlet of the valve.
 
 use super::term::{Dynamics, Terms};
 use model_core::pressure::{AbsolutePa, GaugePa};
 
-/// What a term of the supply block sees.
+/// The inputs of a supply term.
 #[derive(Clone, Copy, Debug)]
 pub struct SupplyPoint {
     /// Time \[s\].
     pub time_s: f64,
-    /// Mass flow that the valve draws \[kg/s\], negative where air flows back through it; zero
-    /// where only the pressure is asked for.
+    /// Mass flow out of the supply \[kg/s\], negative where air flows back; 0 in
+    /// [`SupplyTerm::pressure`].
     pub drawn_kg_per_s: f64,
     /// Nominal supply pressure.
     pub nominal: GaugePa<f64>,
@@ -17,11 +17,11 @@ pub struct SupplyPoint {
     pub atmospheric: AbsolutePa<f64>,
 }
 
-/// A term of the supply block.
+/// A term of the supply.
 pub trait SupplyTerm: Dynamics<SupplyPoint> + Send + Sync {
-    /// Supply pressure, from the one that comes to the term. It must not read
+    /// Supply pressure, from the pressure after the terms before this one. It must not read
     /// [`SupplyPoint::drawn_kg_per_s`], which follows from it.
-    fn pressure(&self, at: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64>;
+    fn pressure(&self, point: &SupplyPoint, state: &[f64], supply: GaugePa<f64>) -> GaugePa<f64>;
 
     /// Whether a check valve keeps air from flowing back.
     fn checks(&self) -> bool {
@@ -31,7 +31,7 @@ pub trait SupplyTerm: Dynamics<SupplyPoint> + Send + Sync {
 
 /// The supply.
 pub struct SupplySubsystem {
-    /// Nominal supply pressure P_s, held.
+    /// Nominal supply pressure P_s, constant.
     pub nominal: GaugePa<f64>,
     /// Added effects.
     pub terms: Terms<dyn SupplyTerm>,
@@ -40,11 +40,11 @@ pub struct SupplySubsystem {
 impl SupplySubsystem {
     /// Supply pressure at the valve.
     #[inline]
-    pub fn pressure(&self, at: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
+    pub fn pressure(&self, point: &SupplyPoint, state: &[f64]) -> GaugePa<f64> {
         if self.terms.is_empty() {
             return self.nominal;
         }
-        self.with_terms(*at, state)
+        self.with_terms(*point, state)
     }
 
     /// Whether a check valve keeps air from flowing back.
@@ -53,10 +53,10 @@ impl SupplySubsystem {
     }
 
     #[inline(never)]
-    fn with_terms(&self, at: SupplyPoint, state: &[f64]) -> GaugePa<f64> {
+    fn with_terms(&self, point: SupplyPoint, state: &[f64]) -> GaugePa<f64> {
         let mut supply = self.nominal;
-        for (term, own) in self.terms.iter(state) {
-            supply = term.pressure(&at, own, supply);
+        for (term, state) in self.terms.iter(state) {
+            supply = term.pressure(&point, state, supply);
         }
         supply
     }

@@ -22,10 +22,10 @@ pub const VREF_VOLTS: f64 = 3.3;
 /// The internal reference, channel 17 \[V\].
 pub const VREFINT_VOLTS: f64 = 1.21;
 
-/// Where a trigger edge comes from: timer number, and its channel or `None` for TRGO.
+/// Source of a trigger edge: timer number, and its channel or `None` for TRGO.
 pub type Trigger = (usize, Option<usize>);
 
-/// EXTSEL of the regular group; lines of timers that are not modelled are absent.
+/// Decodes EXTSEL of the regular group; `None` for timers that are not modelled.
 fn trigger_source(extsel: u32) -> Option<Trigger> {
     Some(match extsel {
         3 => (2, Some(2)),
@@ -54,16 +54,16 @@ pub struct Adc {
     ccr: u32,
     /// Duration of one clock of APB2.
     pclk2: Time,
-    /// Rank under conversion, and when it ends.
+    /// Rank of the conversion in progress, and when it ends.
     running: Option<(u32, Time)>,
-    /// A value waits for the DMA.
+    /// True while a value waits for the DMA.
     pub wants_dma: bool,
     /// The stream has moved its last item and DDS is off.
     dma_ended: bool,
 }
 
 impl Adc {
-    /// As after a reset.
+    /// The state after a reset.
     pub fn new(pclk2: Time) -> Adc {
         Adc {
             pclk2,
@@ -71,12 +71,12 @@ impl Adc {
         }
     }
 
-    /// Takes over a new clock of the bus, from the next conversion on.
+    /// Sets the clock of the bus, which applies from the next conversion.
     pub fn set_clock(&mut self, pclk2: Time) {
         self.pclk2 = pclk2;
     }
 
-    /// When the conversion under way ends.
+    /// Time at which the conversion in progress ends.
     pub fn next(&self) -> Time {
         self.running.map_or(NEVER, |(_, done_at)| done_at)
     }
@@ -86,13 +86,13 @@ impl Adc {
         self.sr & EOC != 0 && self.cr1 & EOCIE != 0 || self.sr & OVR != 0 && self.cr1 & OVRIE != 0
     }
 
-    /// Channel under conversion.
+    /// Channel of the conversion in progress.
     pub fn channel(&self) -> u32 {
         let rank = self.running.map_or(0, |(rank, _)| rank);
         self.sqr[2 - (rank / 6) as usize] >> (5 * (rank % 6)) & 31
     }
 
-    /// Whether VREFINT and the temperature sensor are switched to their channels.
+    /// Whether VREFINT and the temperature sensor are connected to their channels.
     pub fn internal_channels(&self) -> bool {
         self.ccr & 1 << 23 != 0
     }
@@ -126,7 +126,7 @@ impl Adc {
             return cx.error("ADC1: trigger ignored, an overrun is not cleared");
         }
         if self.running.is_some() {
-            return cx.error("ADC1: trigger ignored, a conversion is under way");
+            return cx.error("ADC1: trigger ignored, a conversion is in progress");
         }
         // 36 MHz is the limit at this supply
         if crate::time::UNITS_PER_S > 36_000_000 * self.adcclk() {
@@ -136,7 +136,7 @@ impl Adc {
         self.begin(0, cx.now);
     }
 
-    /// An edge from `source`; starts a sequence if it is the one waited for.
+    /// Handles an edge from `source`: starts a sequence if it is the selected trigger.
     pub fn trigger(&mut self, source: Trigger, cx: &mut Context) {
         let enabled = self.cr2 >> 28 & 3 != 0;
         if enabled && trigger_source(self.cr2 >> 24 & 15) == Some(source) {
@@ -144,7 +144,7 @@ impl Adc {
         }
     }
 
-    /// Ends the conversion of a voltage.
+    /// Completes the conversion of a voltage.
     pub fn finish(&mut self, volts: f64, now: Time) {
         let Some((rank, _)) = self.running.take() else {
             return;
@@ -180,7 +180,7 @@ impl Adc {
         self.dma_ended = self.cr2 & DDS == 0;
     }
 
-    /// A register; reading DR takes the value away.
+    /// Reads a register; reading DR clears EOC.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x00 => self.sr,
@@ -243,7 +243,7 @@ impl Adc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     /// One clock of 90 MHz.
     const PCLK2: Time = 560;
@@ -252,23 +252,23 @@ mod tests {
         let (mut adc, mut errors) = (Adc::new(PCLK2), Errors::default());
         let on = [(0x304, 1 << 16), (0x08, ADON)];
         for (offset, value) in on.iter().chain(writes) {
-            adc.write(*offset, *value, &mut quiet(&mut errors, 0));
+            adc.write(*offset, *value, &mut test_context(&mut errors, 0));
         }
         (adc, errors)
     }
 
     const LATER: Time = 1_000_000;
 
-    fn put(adc: &mut Adc, offset: u32, value: u32) -> Vec<String> {
+    fn write(adc: &mut Adc, offset: u32, value: u32) -> Vec<String> {
         let mut errors = Errors::default();
-        adc.write(offset, value, &mut quiet(&mut errors, LATER));
+        adc.write(offset, value, &mut test_context(&mut errors, LATER));
         errors.list.into_iter().map(|e| e.text).collect()
     }
 
     #[test]
     fn conversion_takes_sampling_plus_twelve_clocks() {
         let (mut adc, _) = adc(&[(0x10, 4), (0x34, 0)]);
-        assert!(put(&mut adc, 0x08, ADON | SWSTART).is_empty());
+        assert!(write(&mut adc, 0x08, ADON | SWSTART).is_empty());
         assert_eq!(adc.next(), LATER + 96 * 4 * PCLK2);
         adc.finish(1.65, adc.next());
         assert_eq!((adc.read(0) & EOC, adc.read(0x4c)), (EOC, 2048));
@@ -285,16 +285,16 @@ mod tests {
             (0.0005, 1),
         ] {
             let (mut adc, _) = adc(&[]);
-            put(&mut adc, 0x08, ADON | SWSTART);
+            write(&mut adc, 0x08, ADON | SWSTART);
             adc.finish(volts, LATER);
             assert_eq!(adc.read(0x4c), code, "{volts} V");
         }
     }
 
     #[test]
-    fn scan_goes_through_the_ranks_and_asks_for_dma_each_time() {
+    fn scan_converts_the_ranks_in_order_and_requests_dma_for_each() {
         let (mut adc, _) = adc(&[(0x04, SCAN), (0x2c, 1 << 20), (0x34, 10 | 11 << 5)]);
-        put(&mut adc, 0x08, ADON | DMA | DDS | SWSTART);
+        write(&mut adc, 0x08, ADON | DMA | DDS | SWSTART);
         assert_eq!(adc.channel(), 10);
         adc.finish(1.0, LATER);
         assert_eq!(
@@ -307,32 +307,32 @@ mod tests {
     }
 
     #[test]
-    fn value_that_nobody_took_is_an_overrun() {
+    fn value_that_was_not_read_causes_an_overrun() {
         let (mut adc, _) = adc(&[(0x04, SCAN), (0x2c, 1 << 20)]);
-        put(&mut adc, 0x08, ADON | DMA | SWSTART);
+        write(&mut adc, 0x08, ADON | DMA | SWSTART);
         adc.finish(1.0, LATER);
         adc.finish(1.0, LATER);
         assert_ne!(adc.read(0) & OVR, 0);
-        assert_eq!(put(&mut adc, 0x08, ADON | DMA | SWSTART).len(), 1);
+        assert_eq!(write(&mut adc, 0x08, ADON | DMA | SWSTART).len(), 1);
     }
 
     #[test]
-    fn only_the_chosen_trigger_starts() {
+    fn only_the_selected_trigger_starts_a_sequence() {
         let (mut adc, mut errors) = adc(&[(0x08, ADON | 1 << 28 | 8 << 24)]);
-        adc.trigger((2, None), &mut quiet(&mut errors, LATER));
+        adc.trigger((2, None), &mut test_context(&mut errors, LATER));
         assert_eq!(adc.next(), NEVER);
-        adc.trigger((3, None), &mut quiet(&mut errors, LATER));
+        adc.trigger((3, None), &mut test_context(&mut errors, LATER));
         assert_ne!(adc.next(), NEVER);
         assert!(errors.list.is_empty());
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_of_use_are_reported() {
         let (mut off, _) = adc(&[(0x08, 0)]);
-        assert_eq!(put(&mut off, 0x08, SWSTART), ["ADC1: started while off"]);
+        assert_eq!(write(&mut off, 0x08, SWSTART), ["ADC1: started while off"]);
         let (mut fast, _) = adc(&[(0x304, 0)]);
         assert_eq!(
-            put(&mut fast, 0x08, ADON | SWSTART),
+            write(&mut fast, 0x08, ADON | SWSTART),
             ["ADC1: clock above 36 MHz"]
         );
     }

@@ -1,4 +1,4 @@
-//! The board as its user sees it: pins, a serial line, a supply, a reset button, and time.
+//! The interface of the board: pins, serial link, supply, reset button, and time.
 
 use crate::cpu::{Cpu, ExceptionEvent};
 use crate::elf::{self, BadElf};
@@ -11,13 +11,13 @@ use crate::rcc::ResetCause;
 use crate::soc::{DacEvent, Soc, is_flash};
 use crate::time::{from_ns, to_ns};
 
-/// How long NRST stays low after a reset from inside (datasheet, about 20 us).
+/// Duration of the low pulse at NRST after an internal reset (datasheet, about 20 µs).
 const RESET_PULSE_NS: u64 = 20_000;
 
-/// A byte from the board, and when its stop bit ended.
+/// A byte sent by the board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct LinkByte {
-    /// End of the byte.
+    /// End of its stop bit.
     pub time_ns: u64,
     /// Its value.
     pub byte: u8,
@@ -26,9 +26,9 @@ pub struct LinkByte {
 /// One reset.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Reset {
-    /// When it happened.
+    /// Time of the reset.
     pub time_ns: u64,
-    /// Why.
+    /// Its cause.
     pub cause: ResetCause,
 }
 
@@ -76,13 +76,13 @@ impl Board {
 
     // ---- time and supply -----------------------------------------------------------------------
 
-    /// The present \[ns\], since the board was made.
+    /// Time since the board was created \[ns\].
     pub fn time_ns(&self) -> u64 {
         to_ns(self.cpu.soc().now)
     }
 
-    /// Runs to `time_ns`, or a few core cycles beyond as instructions are not divided; resets that
-    /// the chip asks for on the way happen.
+    /// Runs until `time_ns`, or a few core cycles longer, because instructions are not divided.
+    /// Executes the resets that the chip requests in this time.
     pub fn run_until(&mut self, time_ns: u64) {
         let end = from_ns(time_ns);
         while self.cpu.soc().now < end {
@@ -95,7 +95,7 @@ impl Board {
         self.read_log();
     }
 
-    /// Runs for a while.
+    /// Runs for `duration_ns`.
     pub fn run_for(&mut self, duration_ns: u64) {
         self.run_until(self.time_ns() + duration_ns);
     }
@@ -114,12 +114,12 @@ impl Board {
         self.cpu.pass_unpowered(now + from_ns(RESET_PULSE_NS));
     }
 
-    /// Holds the core, as code that masks its interrupts and does not end, or lets it go on. All
-    /// else goes on: timers, DMA, watchdog.
+    /// Stops the core, as an endless loop with masked interrupts would, or lets it continue.
+    /// Timers, DMA and watchdog continue in any case.
     pub fn hold_core(&mut self, held: bool) {
         self.cpu.held = held;
         if held {
-            // It is busy, not asleep: the cycle counter counts.
+            // The core is busy, not asleep: the cycle counter counts.
             self.cpu.asleep = false;
         }
     }
@@ -131,7 +131,7 @@ impl Board {
         }
     }
 
-    /// Takes the supply away: RAM is lost, a flash operation is torn.
+    /// Switches the supply off: RAM loses its content, a flash operation is interrupted.
     pub fn power_cut(&mut self) {
         self.read_log();
         self.power_cuts += 1;
@@ -143,7 +143,7 @@ impl Board {
         }
     }
 
-    /// Gives the supply back.
+    /// Switches the supply on again.
     pub fn power_on(&mut self) {
         if !self.powered {
             self.powered = true;
@@ -151,7 +151,7 @@ impl Board {
         }
     }
 
-    /// All resets so far, the first power-up left out.
+    /// All resets so far, except the first power-up.
     pub fn resets(&self) -> &[Reset] {
         &self.resets
     }
@@ -161,32 +161,32 @@ impl Board {
     /// Drives a pin to a voltage that the ADC can see.
     pub fn set_analog(&mut self, pin: Pin, volts: f64) {
         let soc = self.cpu.soc_mut();
-        soc.outside.volts[usize::from(pin.port)][usize::from(pin.number)] = volts;
+        soc.external.volts[usize::from(pin.port)][usize::from(pin.number)] = volts;
     }
 
     /// Drives a pin to a digital level, or lets it float.
     pub fn set_level(&mut self, pin: Pin, level: Option<bool>) {
         let soc = self.cpu.soc_mut();
-        soc.outside.levels[usize::from(pin.port)][usize::from(pin.number)] = level;
+        soc.external.levels[usize::from(pin.port)][usize::from(pin.number)] = level;
     }
 
-    /// The level of an output pin; none if the chip does not drive it.
+    /// Level of an output pin; none if the chip does not drive it.
     pub fn level(&self, pin: Pin) -> Option<bool> {
         self.cpu.soc().output(pin)
     }
 
-    /// Says which pins the encoder's A and B go to; PA0 and PA1 unless told otherwise.
+    /// Sets the pins of the encoder signals A and B; PA0 and PA1 by default.
     pub fn wire_encoder(&mut self, a: Pin, b: Pin) {
         self.cpu.soc_mut().encoder_pins = [a, b];
     }
 
-    /// Turns the encoder to `position` quadrature edges; A leads B on the way up.
+    /// Moves the encoder to `position`, in quadrature edges; A leads B in the positive direction.
     pub fn set_encoder(&mut self, position: i64) {
         self.cpu.soc_mut().set_encoder(position);
     }
 
-    /// Voltage at the pin of DAC channel 1 or 2. A pin that floats is at 0 V, held by the
-    /// resistor that the wiring asks for.
+    /// Voltage at the pin of DAC channel 1 or 2. A floating pin is at 0 V because of the resistor
+    /// in docs/wiring.md.
     pub fn dac_volts(&self, channel: usize) -> f64 {
         self.cpu.soc().dac_volts(channel - 1).unwrap_or(0.0)
     }
@@ -198,18 +198,18 @@ impl Board {
 
     // ---- serial link ---------------------------------------------------------------------------
 
-    /// Speed of the PC's end; 115 200 bit/s unless told otherwise.
+    /// Sets the baud rate of the PC; 115 200 bit/s by default.
     pub fn set_link_baud(&mut self, baud: u32) {
         self.cpu.soc_mut().host.baud = baud;
     }
 
-    /// Sends bytes to USART2, one after the other from now on.
+    /// Sends bytes to USART2, one after the other, starting now.
     pub fn link_send(&mut self, bytes: &[u8]) {
         let soc = self.cpu.soc_mut();
         soc.host.send(bytes, soc.now);
     }
 
-    /// Bytes that are sent but have not arrived.
+    /// Count of the bytes sent that have not arrived yet.
     pub fn link_unsent(&self) -> usize {
         self.cpu.soc().host.unsent()
     }
@@ -226,14 +226,15 @@ impl Board {
             .collect()
     }
 
-    // ---- looking inside ------------------------------------------------------------------------
+    // ---- inspection ----------------------------------------------------------------------------
 
-    /// What a real board would have ignored, faulted on or done wrongly.
+    /// Errors of the firmware, most of which a real board would not report, and accesses to what
+    /// is not modelled.
     pub fn errors(&self) -> &[BoardError] {
         &self.cpu.soc().errors.list
     }
 
-    /// The errors as text, with the function each happened in.
+    /// The errors as text, each with the function in which it occurred.
     pub fn error_report(&self) -> String {
         let line = |e: &BoardError| {
             let (seconds, place) = (e.time_ns as f64 * 1e-9, self.function_at(e.pc));
@@ -245,7 +246,7 @@ impl Board {
         self.errors().iter().map(line).collect()
     }
 
-    /// Instructions executed since the board was made.
+    /// Instructions executed since the board was created.
     pub fn instructions(&self) -> u64 {
         self.cpu.soc().instructions
     }
@@ -260,7 +261,7 @@ impl Board {
         self.cpu.is_asleep()
     }
 
-    /// Whether a fault in a fault handler has stopped the core.
+    /// Whether the core is in lock-up, after a fault in a fault handler.
     pub fn is_locked_up(&self) -> bool {
         self.cpu.is_locked_up()
     }
@@ -270,22 +271,22 @@ impl Board {
         self.cpu.pc()
     }
 
-    /// The stack's lowest word in use.
+    /// Stack pointer.
     pub fn sp(&self) -> u32 {
         self.cpu.sp()
     }
 
-    /// How many flash sectors were erased.
+    /// Count of the flash sectors erased.
     pub fn flash_erase_count(&self) -> u64 {
         self.cpu.soc().flash.erase_count
     }
 
-    /// Whether the flash erases or programs at this moment.
+    /// Whether a flash operation is in progress.
     pub fn is_flash_busy(&self) -> bool {
         self.cpu.soc().flash.busy_until() > self.cpu.soc().now
     }
 
-    /// Writes down each exception from now on, or no longer.
+    /// Starts or stops recording exceptions.
     pub fn trace_exceptions(&mut self, on: bool) {
         self.cpu.trace = on.then(Vec::new);
     }
@@ -299,7 +300,7 @@ impl Board {
             .unwrap_or_default()
     }
 
-    /// Bytes of memory as the core reads them; empty if nothing is there.
+    /// Bytes of memory as the core reads them; empty if the address is not mapped.
     pub fn read_memory(&self, address: u32, len: usize) -> Vec<u8> {
         self.cpu.memory(address, len).unwrap_or_default()
     }
@@ -314,12 +315,12 @@ impl Board {
         self.cpu.set_memory(address, bytes);
     }
 
-    /// What the flash holds.
+    /// Content of the flash.
     pub fn flash(&self) -> &[u8] {
         &self.cpu.soc().flash.cells
     }
 
-    /// Overwrites flash at once, as a programmer could.
+    /// Overwrites flash without delay, as a programmer could.
     pub fn write_flash(&mut self, address: u32, bytes: &[u8]) {
         let start = address.wrapping_sub(flash::BASE) as usize;
         assert!(
@@ -373,14 +374,14 @@ impl Board {
         let Some(channel) = Log::channel(&header) else {
             return;
         };
-        let Some(all) = self.cpu.memory(channel.buffer, channel.size as usize) else {
+        let Some(buffer) = self.cpu.memory(channel.buffer, channel.size as usize) else {
             return;
         };
         let (read, write) = (channel.read as usize, channel.write as usize);
         if read <= write {
-            log.feed(&all[read..write]);
+            log.feed(&buffer[read..write]);
         } else {
-            log.feed(&[&all[read..], &all[..write]].concat());
+            log.feed(&[&buffer[read..], &buffer[..write]].concat());
         }
         self.cpu
             .set_memory(block + log::READ_OFFSET, &channel.write.to_le_bytes());

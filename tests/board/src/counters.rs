@@ -7,13 +7,13 @@ pub struct SysTick {
     csr: u32,
     reload: u32,
     cycle: Time,
-    /// When it last was at `start`.
+    /// Time at which the counter was at `start`.
     since: Time,
     start: u32,
 }
 
 impl SysTick {
-    /// As after a reset.
+    /// The state after a reset.
     pub fn new(cycle: Time) -> SysTick {
         SysTick {
             csr: 0,
@@ -46,23 +46,23 @@ impl SysTick {
         self.start.saturating_sub(steps as u32)
     }
 
-    /// When it reaches 0 next.
+    /// Time at which the counter next reaches 0.
     pub fn next(&self) -> Time {
-        let at_rest = !self.runs() || self.start == 0 && self.reload == 0;
-        if at_rest {
+        let stopped = !self.runs() || self.start == 0 && self.reload == 0;
+        if stopped {
             NEVER
         } else {
             self.since + u64::from(self.start.max(1)) * self.step()
         }
     }
 
-    /// Lets happen what is due; true if the exception is to be made pending.
+    /// Executes the events that are due; true if the exception becomes pending.
     pub fn fire(&mut self, now: Time) -> bool {
         if self.next() > now {
             return false;
         }
         let was_loading = self.start == 0;
-        // one more step takes it from 0 to the reload value
+        // one more step from 0 to the reload value
         self.since = self.next() + if was_loading { 0 } else { self.step() };
         self.start = self.reload;
         if was_loading {
@@ -72,14 +72,14 @@ impl SysTick {
         self.csr & 2 != 0
     }
 
-    /// Takes over a new clock.
+    /// Sets the clock.
     pub fn set_clock(&mut self, now: Time, cycle: Time) {
         self.start = self.value(now.max(self.since));
         self.since = now;
         self.cycle = cycle;
     }
 
-    /// A register; `address` is the low part after 0xE000_Exxx.
+    /// Reads a register; `address` is the low part after 0xE000_Exxx.
     pub fn read(&mut self, address: u32, now: Time) -> u32 {
         match address {
             0x010 => {
@@ -108,7 +108,7 @@ impl SysTick {
     }
 }
 
-/// CYCCNT. It stands while the core sleeps, unless DBGMCU keeps HCLK running.
+/// CYCCNT. It stops while the core sleeps, unless DBGMCU keeps HCLK running.
 pub struct CycleCounter {
     /// DWT_CTRL.CYCCNTENA
     enabled: bool,
@@ -123,7 +123,7 @@ pub struct CycleCounter {
 }
 
 impl CycleCounter {
-    /// As after a reset.
+    /// The state after a reset.
     pub fn new(cycle: Time) -> CycleCounter {
         CycleCounter {
             enabled: false,
@@ -136,7 +136,7 @@ impl CycleCounter {
         }
     }
 
-    /// Counts up to `now`; `asleep` says what the core did since the last call.
+    /// Counts up to `now`; `asleep` is whether the core slept since the last call.
     pub fn advance(&mut self, now: Time, asleep: bool) {
         if self.enabled && self.trace_on && (!asleep || self.runs_in_sleep) {
             let time = self.fraction + (now - self.upto);
@@ -146,13 +146,13 @@ impl CycleCounter {
         self.upto = now;
     }
 
-    /// Takes over a new clock.
+    /// Sets the clock.
     pub fn set_clock(&mut self, now: Time, cycle: Time) {
         self.advance(now, false);
         (self.cycle, self.fraction) = (cycle, 0);
     }
 
-    /// DWT_CTRL or CYCCNT; `address` is the low part after 0xE000_1xxx.
+    /// Reads DWT_CTRL or CYCCNT; `address` is the low part after 0xE000_1xxx.
     pub fn read(&mut self, address: u32, now: Time) -> u32 {
         self.advance(now, false);
         match address {
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn systick_comes_every_reload_plus_one_cycles() {
+    fn systick_period_is_the_reload_value_plus_one() {
         let mut tick = SysTick::new(280);
         tick.write(0x014, 999, 0);
         tick.write(0x018, 0, 0);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn cycle_counter_sleeps_with_the_core() {
+    fn cycle_counter_stops_while_the_core_sleeps() {
         let mut counter = CycleCounter::new(280);
         counter.write(0, 1, 0);
         assert_eq!(counter.read(4, 2800), 0, "trace is off");

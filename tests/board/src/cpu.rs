@@ -1,4 +1,5 @@
-//! The core: lets the engine execute, and does by hand what it cannot: sleep, stalls, resets, DMA.
+//! The core: the engine executes instructions; this adds what the engine lacks: sleep, stalls,
+//! resets, DMA.
 
 use crate::engine::{self, Engine, RAM, RAM_LEN, Special, kinds, must, part};
 use crate::flash::{self, mix};
@@ -12,11 +13,11 @@ use unicorn_engine::{RegisterARM as R, uc_error};
 /// One exception entered or left.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct ExceptionEvent {
-    /// When.
+    /// Time of the event.
     pub time_ns: u64,
-    /// 16 + the interrupt's number, or a system exception.
+    /// Exception number: 16 plus the interrupt number, or a system exception.
     pub exception: usize,
-    /// Entered, or left.
+    /// True if entered, false if left.
     pub entered: bool,
     /// Instructions executed so far.
     pub instructions: u64,
@@ -27,14 +28,14 @@ pub(crate) struct Cpu {
     pub(crate) uc: Engine<'static>,
     pub(crate) asleep: bool,
     pub(crate) locked_up: bool,
-    /// It executes nothing; all else goes on.
+    /// True while the core executes nothing; everything else continues.
     pub held: bool,
-    /// Where exceptions are written down, if anybody wants to know.
+    /// Recorded exceptions; none while they are not recorded.
     pub trace: Option<Vec<ExceptionEvent>>,
 }
 
 impl Cpu {
-    /// A core whose flash and peripherals are those of `soc`, before its first reset.
+    /// A core with the flash and the peripherals of `soc`, before its first reset.
     pub fn new(soc: Soc) -> Cpu {
         let uc = engine::new(soc);
         let mut cpu = Cpu {
@@ -67,7 +68,7 @@ impl Cpu {
         must(self.uc.reg_write(register, value.into()));
     }
 
-    /// Bytes of RAM, flash or factory area; none if nothing is there.
+    /// Bytes of RAM, flash or factory area; none if the address is not mapped.
     pub fn memory(&self, address: u32, len: usize) -> Option<Vec<u8>> {
         self.uc.mem_read_as_vec(address.into(), len).ok()
     }
@@ -78,7 +79,7 @@ impl Cpu {
     }
 
     pub(crate) fn word(&self, address: u32) -> u32 {
-        // the flash's alias at 0
+        // the alias of the flash at 0
         let address = if address < flash::LEN as u32 {
             address + flash::BASE
         } else {
@@ -88,7 +89,7 @@ impl Cpu {
         bytes.try_into().map_or(0, u32::from_le_bytes)
     }
 
-    /// RAM that has lost its supply: no word can be relied on.
+    /// Fills the RAM with random words, as after power-on.
     pub fn scramble_ram(&mut self, seed: u64) {
         let mut seed = seed;
         let bytes: Vec<u8> = (0..RAM_LEN / 8)
@@ -97,13 +98,13 @@ impl Cpu {
         self.set_memory(RAM, &bytes);
     }
 
-    /// Resets the chip; RAM stays as it is.
+    /// Resets the chip; RAM keeps its content.
     pub fn reset(&mut self, cause: ResetCause) {
         self.soc_mut().reset(cause);
         self.boot();
     }
 
-    /// Registers of the core as after a reset, PC and SP from the vector table.
+    /// Sets the core registers to their reset values, PC and SP from the vector table.
     fn boot(&mut self) {
         self.flush_flash();
         let hooked = self.uc.get_data_mut();
@@ -128,7 +129,7 @@ impl Cpu {
         self.set_reg(R::PC, self.word(4) | 1);
     }
 
-    /// Overwrites cells of the flash, code included.
+    /// Overwrites cells of the flash, which may contain code.
     pub fn write_flash(&mut self, start: usize, bytes: &[u8]) {
         let range = start..start + bytes.len();
         let flash = &mut self.soc_mut().flash;
@@ -138,7 +139,7 @@ impl Cpu {
         must(self.uc.ctl_flush_tb());
     }
 
-    /// Brings the engine's copy of the flash up to date.
+    /// Updates the engine's copy of the flash.
     fn flush_flash(&mut self) {
         for range in std::mem::take(&mut self.soc_mut().flash.changed) {
             let bytes = self.soc().flash.cells[range.clone()].to_vec();
@@ -160,7 +161,7 @@ impl Cpu {
         }
     }
 
-    /// Runs to `end`, or to a reset that the chip asks for.
+    /// Runs until `end`, or until the chip requests a reset.
     pub fn run_until(&mut self, end: Time) -> Option<ResetCause> {
         loop {
             self.soc_mut().fire_due();
@@ -176,7 +177,7 @@ impl Cpu {
             let busy_until = self.soc().flash.busy_until();
             let waits = busy_until > now && is_flash(self.reg(R::PC));
             if self.locked_up || self.held || waits {
-                // a core that waits for the flash takes no exceptions either
+                // while the core waits for the flash it takes no exceptions either
                 self.soc_mut().now = next;
                 continue;
             }
@@ -238,7 +239,7 @@ impl Cpu {
                 .is_ok()
     }
 
-    /// Lets the engine execute until something else has to happen.
+    /// Lets the engine execute until a hook stops it.
     fn execute(&mut self, deadline: Time) {
         let hooked = self.uc.get_data_mut();
         (hooked.deadline, hooked.recheck, hooked.it_left) = (deadline, false, 0);
@@ -317,22 +318,22 @@ impl Cpu {
         self.asleep
     }
 
-    /// Whether a fault in a fault handler has stopped the core.
+    /// Whether the core is in lock-up, after a fault in a fault handler.
     pub fn is_locked_up(&self) -> bool {
         self.locked_up
     }
 
-    /// The next instruction's address.
+    /// Address of the next instruction.
     pub fn pc(&self) -> u32 {
         self.reg(R::PC) & !1
     }
 
-    /// The stack's lowest word in use.
+    /// Stack pointer.
     pub fn sp(&self) -> u32 {
         self.reg(R::SP)
     }
 
-    /// Runs out the clock while there is no supply.
+    /// Advances time while the supply is off.
     pub fn pass_unpowered(&mut self, until: Time) {
         self.soc_mut().now = until;
     }

@@ -3,7 +3,7 @@
 use crate::adc::VREF_VOLTS;
 use crate::errors::Context;
 
-/// The buffer does not reach the rails by this much (datasheet, DAC_OUT min and max with buffer).
+/// Distance of the buffered output from the rails (datasheet, DAC_OUT min and max with buffer).
 const BUFFER_RAIL_VOLTS: f64 = 0.2;
 
 /// Both channels.
@@ -14,7 +14,7 @@ pub struct Dac {
     dor: [u32; 2],
 }
 
-/// Timer whose trigger output a TSEL code names; 0 for those that are not modelled.
+/// Timer of a TSEL code; 0 if it is not modelled.
 fn trigger_timer(tsel: u32) -> usize {
     [6, 0, 7, 5, 2, 4, 0, 0][tsel as usize & 7]
 }
@@ -24,7 +24,7 @@ impl Dac {
         self.cr >> (16 * channel as u32 + shift) & mask
     }
 
-    /// Voltage of a channel (0 or 1); none while it is off.
+    /// Voltage of a channel (0 or 1); none while the channel is disabled.
     pub fn volts(&self, channel: usize) -> Option<f64> {
         if self.field(channel, 0, 1) == 0 {
             return None;
@@ -35,7 +35,7 @@ impl Dac {
         Some(volts.clamp(rail, VREF_VOLTS - rail))
     }
 
-    /// An edge on the trigger output of a timer.
+    /// Handles an edge on the trigger output of a timer.
     pub fn trigger(&mut self, timer: usize) {
         for channel in 0..2 {
             let waits = self.field(channel, 2, 1) != 0;
@@ -52,7 +52,7 @@ impl Dac {
         }
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.cr,
@@ -74,7 +74,7 @@ impl Dac {
                 for channel in 0..2 {
                     let [wave, dma] = [(6, 3), (12, 1)].map(|(s, m)| self.field(channel, s, m));
                     if wave | dma != 0 {
-                        cx.error("model: the DAC makes no waves and no DMA requests");
+                        cx.error("model: the DAC has no wave generation and no DMA requests");
                     }
                 }
             }
@@ -101,18 +101,18 @@ impl Dac {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
-    fn put(dac: &mut Dac, offset: u32, value: u32) {
-        dac.write(offset, value, &mut quiet(&mut Errors::default(), 0));
+    fn write(dac: &mut Dac, offset: u32, value: u32) {
+        dac.write(offset, value, &mut test_context(&mut Errors::default(), 0));
     }
 
     #[test]
     fn drives_only_while_enabled() {
         let mut dac = Dac::default();
-        put(&mut dac, 0x08, 1365);
+        write(&mut dac, 0x08, 1365);
         assert_eq!(dac.volts(0), None);
-        put(&mut dac, 0, 1);
+        write(&mut dac, 0, 1);
         assert_eq!(dac.volts(0), Some(1.1));
         assert_eq!(dac.volts(1), None);
     }
@@ -120,19 +120,19 @@ mod tests {
     #[test]
     fn buffer_does_not_reach_the_rails() {
         let mut dac = Dac::default();
-        put(&mut dac, 0, 1 | 3 << 16);
+        write(&mut dac, 0, 1 | 3 << 16);
         assert_eq!(dac.volts(0), Some(0.2));
         assert_eq!(dac.volts(1), Some(0.0));
-        put(&mut dac, 0x20, 0x0fff_0fff);
+        write(&mut dac, 0x20, 0x0fff_0fff);
         assert_eq!(dac.volts(0), Some(VREF_VOLTS - 0.2));
         assert_eq!(dac.volts(1), Some(VREF_VOLTS));
     }
 
     #[test]
-    fn triggered_channel_waits_for_its_timer() {
+    fn triggered_channel_changes_only_on_its_trigger() {
         let mut dac = Dac::default();
-        put(&mut dac, 0, 1 | 1 << 2 | 4 << 3);
-        put(&mut dac, 0x08, 1000);
+        write(&mut dac, 0, 1 | 1 << 2 | 4 << 3);
+        write(&mut dac, 0x08, 1000);
         dac.trigger(6);
         assert_eq!(dac.read(0x2c), 0);
         dac.trigger(2);
@@ -140,11 +140,11 @@ mod tests {
     }
 
     #[test]
-    fn alignments_agree() {
+    fn alignments_write_the_same_register() {
         let mut dac = Dac::default();
-        put(&mut dac, 0x0c, 0x1230);
+        write(&mut dac, 0x0c, 0x1230);
         assert_eq!(dac.read(0x08), 0x123);
-        put(&mut dac, 0x10, 0x45);
+        write(&mut dac, 0x10, 0x45);
         assert_eq!(dac.read(0x08), 0x450);
     }
 }

@@ -14,23 +14,23 @@ const HTIF: u64 = 1 << 4;
 const TCIF: u64 = 1 << 5;
 const SHIFTS: [u32; 8] = [0, 6, 16, 22, 32, 38, 48, 54];
 
-/// One item to move.
+/// One item to transfer.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct Transfer {
     /// Address to read.
     pub from: u32,
     /// Address to write.
     pub to: u32,
-    /// Bytes.
+    /// Length in bytes.
     pub size: usize,
-    /// It was the last one of the stream's count.
+    /// Whether it is the last item of the stream.
     pub last: bool,
 }
 
 #[derive(Default, Clone, Copy)]
 struct Stream {
     cr: u32,
-    /// Items left, and the count to start again with.
+    /// Items left, and the count at the start of a transfer.
     ndtr: u32,
     reload: u32,
     par: u32,
@@ -46,7 +46,7 @@ pub struct Dma {
 }
 
 impl Dma {
-    /// Controller 1 or 2 as after a reset.
+    /// Controller 1 or 2 in the state after a reset.
     pub fn new(number: usize) -> Dma {
         let stream = Stream {
             fcr: 0x21,
@@ -71,7 +71,7 @@ impl Dma {
         cr & EN != 0 && cr >> 25 & 7 == channel
     }
 
-    /// A peripheral asks: the item that the stream moves for it, if it is set up to.
+    /// Handles a request of a peripheral: the item to transfer, if the stream serves the request.
     pub fn request(&mut self, stream: usize, channel: u32) -> Option<Transfer> {
         if !self.listens(stream, channel) {
             return None;
@@ -117,13 +117,13 @@ impl Dma {
         })
     }
 
-    /// The bus refused a transfer of `stream`.
+    /// Handles a bus error in a transfer of `stream`.
     pub fn failed(&mut self, stream: usize) {
         self.streams[stream].cr &= !EN;
         self.flags |= TEIF << SHIFTS[stream];
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.flags as u32,
@@ -206,7 +206,7 @@ impl Dma {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     /// Peripheral to memory, 16 bits, memory incremented, channel 0.
     const CONFIG: u32 = 1 << 13 | 1 << 11 | MINC | 1 << 4;
@@ -220,14 +220,14 @@ mod tests {
             (0x1c, 0x2000_0000),
             (0x10, cr),
         ] {
-            dma.write(offset, value, &mut quiet(&mut errors, 0));
+            dma.write(offset, value, &mut test_context(&mut errors, 0));
         }
         assert!(errors.list.is_empty(), "{:?}", errors.list);
         dma
     }
 
     #[test]
-    fn moves_its_count_then_stops_and_interrupts() {
+    fn stream_transfers_its_count_then_stops_and_interrupts() {
         let mut dma = dma(CONFIG | EN, 4);
         let addresses: Vec<u32> = (0..4).map(|_| dma.request(0, 0).unwrap().to).collect();
         assert_eq!(
@@ -237,12 +237,12 @@ mod tests {
         assert_eq!(dma.request(0, 0), None);
         assert!(dma.irq(0));
         assert_eq!(dma.read(0), (TCIF | HTIF) as u32);
-        dma.write(0x08, 0x3d, &mut quiet(&mut Errors::default(), 0));
+        dma.write(0x08, 0x3d, &mut test_context(&mut Errors::default(), 0));
         assert!(!dma.irq(0));
     }
 
     #[test]
-    fn circular_stream_starts_again() {
+    fn circular_stream_restarts() {
         let mut dma = dma(CONFIG | CIRC | EN, 2);
         let addresses: Vec<u32> = (0..3).map(|_| dma.request(0, 0).unwrap().to).collect();
         assert_eq!(addresses, [0x2000_0000, 0x2000_0002, 0x2000_0000]);
@@ -252,23 +252,23 @@ mod tests {
     fn double_buffer_changes_the_target() {
         let mut dma = dma(CONFIG | DBM, 1);
         let mut errors = Errors::default();
-        dma.write(0x20, 0x2000_1000, &mut quiet(&mut errors, 0));
-        dma.write(0x10, CONFIG | DBM | EN, &mut quiet(&mut errors, 0));
+        dma.write(0x20, 0x2000_1000, &mut test_context(&mut errors, 0));
+        dma.write(0x10, CONFIG | DBM | EN, &mut test_context(&mut errors, 0));
         let addresses: Vec<u32> = (0..3).map(|_| dma.request(0, 0).unwrap().to).collect();
         assert_eq!(addresses, [0x2000_0000, 0x2000_1000, 0x2000_0000]);
     }
 
     #[test]
-    fn wrong_channel_gets_nothing() {
+    fn requests_of_another_channel_are_not_served() {
         assert_eq!(dma(CONFIG | EN, 4).request(0, 1), None);
     }
 
     #[test]
-    fn stale_flags_and_writes_while_enabled_are_named() {
+    fn stale_flags_and_writes_while_enabled_are_reported() {
         let (mut dma, mut errors) = (dma(CONFIG | EN, 1), Errors::default());
-        dma.write(0x1c, 0, &mut quiet(&mut errors, 0));
+        dma.write(0x1c, 0, &mut test_context(&mut errors, 0));
         dma.request(0, 0);
-        dma.write(0x10, CONFIG | EN, &mut quiet(&mut errors, 0));
+        dma.write(0x10, CONFIG | EN, &mut test_context(&mut errors, 0));
         assert_eq!(errors.list.len(), 2, "{:?}", errors.list);
     }
 }

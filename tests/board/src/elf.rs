@@ -1,8 +1,8 @@
-//! What the board needs to know of an ELF file.
+//! Reads segments and symbols of an ELF file.
 
 use object::{Object, ObjectSymbol, elf, read::elf::FileHeader};
 
-/// Why a file cannot be run.
+/// The reason why a file cannot be run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BadElf(pub String);
 
@@ -14,7 +14,7 @@ impl std::fmt::Display for BadElf {
 
 impl std::error::Error for BadElf {}
 
-/// Bytes to flash, at their load addresses.
+/// The bytes to flash, with their load addresses.
 pub fn load_segments(data: &[u8]) -> Result<Vec<(u32, Vec<u8>)>, BadElf> {
     let bad = |error: object::Error| BadElf(error.to_string());
     let header = elf::FileHeader32::<object::Endianness>::parse(data).map_err(bad)?;

@@ -1,8 +1,8 @@
-//! The engine that executes instructions, what it can reach, and the hooks that stop it.
+//! The engine that executes instructions, its memory map, and the hooks that stop it.
 //!
-//! It knows no NVIC, SysTick or exception entry, and stops at nothing by itself. A hook before each
-//! instruction advances time by one cycle and stops it when something else has to happen: an event
-//! is due, an exception is pending, the flash is busy, the core sleeps.
+//! The engine has no NVIC, no SysTick and no exception entry, and does not stop by itself. A hook
+//! before each instruction advances time by one cycle, and stops the engine if an event is due, an
+//! exception is pending, the flash is busy or the core sleeps.
 
 use crate::flash;
 use crate::nvic::Masks;
@@ -16,35 +16,36 @@ pub const RAM: u32 = 0x2000_0000;
 pub const RAM_LEN: usize = 128 << 10;
 const FACTORY: u64 = 0x1fff_7000;
 
-/// Why the engine stopped before an instruction that it must not execute itself.
+/// An instruction that the engine must not execute itself.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum Special {
     /// WFI
     Sleep,
-    /// WFE, SEV, YIELD: nothing.
+    /// WFE, SEV, YIELD: executed as no operation.
     Hint,
     /// MRS of IPSR or a combination with it, which the engine always reads as 0.
     ReadXpsr { to: u8, which: u8 },
-    /// Floating point while CPACR forbids it.
+    /// A floating-point instruction while CPACR disables the unit.
     NoCoprocessor,
 }
 
-/// What the engine's hooks tell the loop around it.
+/// Data that the hooks share with the loop around the engine.
 pub(crate) struct Hooked {
     /// The chip.
     pub soc: Soc,
-    /// What the instructions in flash are.
+    /// Kinds of the instructions in flash.
     pub kinds: Vec<Kind>,
-    /// The engine must stop before the next instruction at or after this.
+    /// The engine must stop before the next instruction at or after this time.
     pub deadline: Time,
     /// An exception or a transfer may have become possible: stop before the next instruction.
     pub recheck: bool,
-    /// Instructions left of an IT block: it is not interrupted, the engine cannot resume in one.
+    /// Remaining instructions of an IT block. It is not interrupted, because the engine cannot
+    /// resume within one.
     pub it_left: u32,
     pub special: Option<Special>,
     /// Number of an engine exception.
     pub trap: Option<u32>,
-    /// Address of an access where nothing is.
+    /// Address of an access to unmapped memory.
     pub unmapped: Option<u32>,
     /// Stores to the flash.
     pub stores: Vec<(u32, usize, u64)>,
@@ -52,12 +53,12 @@ pub(crate) struct Hooked {
 
 pub(crate) type Engine<'a> = Unicorn<'a, Hooked>;
 
-/// Unwraps what cannot fail.
+/// Unwraps a result of the engine that cannot be an error.
 pub(crate) fn must<T>(result: Result<T, uc_error>) -> T {
-    result.expect("the engine accepts what it always accepts")
+    result.expect("a call that the engine accepts")
 }
 
-/// Bytes `offset & 3` and up of a word, `size` of them.
+/// `size` bytes of a word, from byte `offset & 3`.
 pub(crate) fn part(word: u32, offset: u64, size: usize) -> u64 {
     let word = u64::from(word >> (8 * (offset & 3)));
     if size >= 4 {
@@ -67,20 +68,20 @@ pub(crate) fn part(word: u32, offset: u64, size: usize) -> u64 {
     }
 }
 
-/// Word and bit behind an address of the bit-band alias of the peripherals.
+/// Word and bit that an address in the bit-band alias of the peripherals refers to.
 fn bit_band(offset: u64) -> (u32, u32) {
     let byte = 0x4000_0000 + (offset / 32) as u32;
     (byte & !3, (byte & 3) * 8 + (offset / 4 % 8) as u32)
 }
 
 impl Hooked {
-    /// After a register access: whatever it started must be noticed in time.
+    /// Updates deadline and pending checks after a register access.
     fn after_access(&mut self) {
         self.deadline = self.deadline.min(self.soc.next_event());
-        // the masks are looked at by the loop
+        // the loop checks the masks
         self.recheck |= self.soc.reset.is_some()
             || self.soc.nvic.to_enter(Masks::default()).is_some()
-            || self.soc.is_asked_for_transfer();
+            || self.soc.is_transfer_pending();
     }
 
     fn read(&mut self, address: u32, size: usize) -> u64 {
@@ -117,7 +118,7 @@ fn map_memories(uc: &mut Engine<'static>) {
     ] {
         must(uc.mem_write(FACTORY + address, &u16::to_le_bytes(value)));
     }
-    // at reset the flash also answers at 0
+    // after a reset the flash is also mapped at 0
     must(
         uc.mmio_map_ro(0, flash::LEN as u64, |uc: &mut Engine, offset, size| {
             let mut bytes = [0; 8];
@@ -174,23 +175,23 @@ fn map_registers(uc: &mut Engine<'static>) {
     ));
 }
 
-/// The half-words of an instruction outside of the flash.
+/// The half-words of an instruction that is not in the flash.
 fn fetch_from_ram(uc: &Engine, address: u32) -> [u16; 2] {
     let mut bytes = [0; 4];
-    // at the end of the RAM there may be only one; what cannot be read will fault by itself
+    // at the end of the RAM there may be only one; executing an unreadable one causes a fault
     let _ = uc.mem_read(address.into(), &mut bytes[..2]);
     let _ = uc.mem_read(u64::from(address) + 2, &mut bytes[2..]);
     let [a, b, c, d] = bytes;
     [u16::from_le_bytes([a, b]), u16::from_le_bytes([c, d])]
 }
 
-/// What the hook has to know of an instruction.
+/// Kind of an instruction, as far as the hook distinguishes them.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(crate) enum Kind {
     Plain,
-    /// Opens masks: CPS, MSR.
+    /// May clear interrupt masks: CPS, MSR.
     Unmasks,
-    /// IT, and how many instructions belong to it.
+    /// IT, with the count of instructions in its block.
     IfThen(u8),
     /// Floating point.
     Float,
@@ -214,7 +215,7 @@ fn kind([first, second]: [u16; 2]) -> Kind {
     }
 }
 
-/// The kinds of all instructions in flash, told beforehand as the hook runs so often.
+/// The kinds of all instructions in flash, computed in advance because the hook runs for each.
 pub(crate) fn kinds(cells: &[u8]) -> Vec<Kind> {
     let half = |i: usize| match cells.get(i..i + 2) {
         Some(bytes) => u16::from_le_bytes([bytes[0], bytes[1]]),
@@ -267,7 +268,7 @@ fn add_hooks(uc: &mut Engine<'static>) {
             false
         }),
     );
-    // stores to the flash reach the engine's copy; what they really do is put there afterwards
+    // stores to the flash reach the engine's copy, which is then corrected by `flush_flash`
     must(uc.add_mem_hook(
         HookType::MEM_WRITE_PROT,
         1,

@@ -1,29 +1,29 @@
-//! What a real board would have ignored, faulted on or done wrongly, in the order it was found.
+//! Errors of the firmware or the wiring, in the order in which they were detected.
 
 use crate::time::{Time, to_ns};
 
-/// One kind of mistake the firmware (or the wiring) made.
+/// One kind of error of the firmware or the wiring.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BoardError {
-    /// When it happened first.
+    /// Time of the first occurrence.
     pub time_ns: u64,
-    /// The instruction that was running then.
+    /// Address of the instruction at the first occurrence.
     pub pc: u32,
-    /// How often it happened.
+    /// Count of occurrences.
     pub count: u64,
-    /// What happened.
+    /// Description.
     pub text: String,
 }
 
-/// The list that every peripheral writes to.
+/// The list of errors, to which every peripheral adds.
 #[derive(Debug, Default)]
 pub struct Errors {
-    /// Each text once.
+    /// The errors, each description once.
     pub list: Vec<BoardError>,
 }
 
 impl Errors {
-    /// Adds `text`, or counts it up if it is there.
+    /// Adds an error, or increments the count of an error with the same text.
     pub fn add(&mut self, now: Time, pc: u32, text: String) {
         match self.list.iter_mut().find(|error| error.text == text) {
             Some(error) => error.count += 1,
@@ -37,24 +37,24 @@ impl Errors {
     }
 }
 
-/// What a peripheral may know of its surroundings while a register is accessed.
+/// Context of a register access.
 pub struct Context<'a> {
     /// The time of the access.
     pub now: Time,
-    /// The instruction that accesses.
+    /// Address of the accessing instruction.
     pub pc: u32,
-    /// Where mistakes go.
+    /// The list of errors.
     pub errors: &'a mut Errors,
 }
 
 impl Context<'_> {
-    /// Records a mistake.
+    /// Records an error.
     pub fn error(&mut self, text: impl Into<String>) {
         self.errors.add(self.now, self.pc, text.into());
     }
 }
 
 #[cfg(test)]
-pub(crate) fn quiet(errors: &mut Errors, now: Time) -> Context<'_> {
+pub(crate) fn test_context(errors: &mut Errors, now: Time) -> Context<'_> {
     Context { now, pc: 0, errors }
 }

@@ -12,8 +12,8 @@ const EXIT_CYCLES: u64 = 10;
 const TAIL_CHAIN_CYCLES: u64 = 6;
 
 impl Cpu {
-    /// A fault at the present instruction: its own exception if enabled, else a hard fault, and
-    /// in a hard fault the core locks up.
+    /// Raises a fault at the current instruction: its own exception if that is enabled, else a hard
+    /// fault; within a hard fault the core locks up.
     pub(crate) fn fault(&mut self, kind: usize, cfsr: u32, address: Option<u32>) {
         let pc = self.reg(R::PC);
         let priority = self.soc().nvic.execution_priority(self.masks());
@@ -24,7 +24,7 @@ impl Cpu {
             soc.scb.bfar = address;
         }
         let text = match address {
-            Some(address) => format!("fault: nothing answers at {address:#010x}"),
+            Some(address) => format!("fault: no memory at {address:#010x}"),
             None => format!("fault: exception {kind}, CFSR {cfsr:#x}"),
         };
         soc.error(text);
@@ -47,7 +47,7 @@ impl Cpu {
         self.enter(HARD_FAULT);
     }
 
-    fn note(&mut self, exception: usize, entered: bool) {
+    fn record(&mut self, exception: usize, entered: bool) {
         let (time_ns, instructions) = (to_ns(self.soc().now), self.soc().instructions);
         if let Some(trace) = &mut self.trace {
             trace.push(ExceptionEvent {
@@ -64,7 +64,7 @@ impl Cpu {
         soc.now += cycles * soc.cycle;
     }
 
-    /// Stacks a frame and jumps to the handler of `exception`.
+    /// Pushes a frame and jumps to the handler of `exception`.
     pub(crate) fn enter(&mut self, exception: usize) {
         let control = self.reg(R::CONTROL);
         let floats = control & 4 != 0;
@@ -83,7 +83,7 @@ impl Cpu {
         self.set_reg(R::CONTROL, control & !4);
         let mut exception = exception;
         if self.uc.mem_write(sp.into(), &frame).is_err() {
-            // the handler that was meant stays pending behind the hard fault
+            // the original exception stays pending during the hard fault
             let soc = self.soc_mut();
             soc.error(format!("fault: no stack at {sp:#010x}"));
             soc.scb.cfsr |= scb::STKERR;
@@ -96,12 +96,12 @@ impl Cpu {
 
     fn start_handler(&mut self, exception: usize) {
         self.soc_mut().nvic.enter(exception);
-        self.note(exception, true);
+        self.record(exception, true);
         let handler = self.word(self.soc().scb.vtor + 4 * exception as u32);
         self.set_reg(R::PC, handler | 1);
     }
 
-    /// The registers that an exception saves. The engine's lazy saving is not needed.
+    /// The stack frame of an exception. Floating-point registers are saved at once, not lazily.
     fn frame(&self, padded: bool, floats: bool) -> Vec<u8> {
         let running = self.soc().nvic.running() as u32;
         let flags = self.reg(R::XPSR) & 0xf80f_0000;
@@ -118,7 +118,7 @@ impl Cpu {
         words.into_iter().flat_map(u32::to_le_bytes).collect()
     }
 
-    /// The handler branched to EXC_RETURN: on to the next handler, or back.
+    /// Handles a branch to EXC_RETURN: enters the next handler, or returns.
     pub(crate) fn exception_return(&mut self) {
         let exc_return = self.reg(R::PC) | 1;
         let left = self.soc().nvic.running();
@@ -126,9 +126,9 @@ impl Cpu {
         if left != 2 {
             self.set_reg(R::FAULTMASK, 0);
         }
-        self.note(left, false);
+        self.record(left, false);
         if let Some(next) = self.soc().nvic.to_enter(self.masks()) {
-            // tail-chaining: the frame stays for the next handler
+            // tail-chaining: the next handler uses the same frame
             self.set_reg(R::LR, exc_return);
             self.spend(TAIL_CHAIN_CYCLES);
             return self.start_handler(next);

@@ -1,15 +1,15 @@
-//! FLASH: keys, erasing and programming with their durations, and what a power cut leaves behind
+//! FLASH: keys, erasing and programming with their durations, and the effect of a power cut
 //! (RM0390 chapter 3; durations: STM32F446 datasheet, flash memory programming, typical).
 //!
-//! The chip has one bank: while it is busy every fetch from flash stalls the core.
+//! The chip has one bank: while the flash is busy, every fetch from it stalls the core.
 
 use crate::errors::Context;
 use crate::time::{NEVER, Time, from_ns};
 use std::ops::Range;
 
-/// Where the flash is in the address space.
+/// Start address of the flash.
 pub const BASE: u32 = 0x0800_0000;
-/// 512 KiB.
+/// Length of the flash, 512 KiB.
 pub const LEN: usize = 512 << 10;
 
 const PG: u32 = 1;
@@ -25,7 +25,7 @@ const PGSERR: u32 = 1 << 7;
 const BSY: u32 = 1 << 16;
 const PROGRAM_NS: u64 = 16_000;
 
-/// An operation that has begun: what was there before, from `start` on.
+/// An operation in progress, with the previous content of the cells from `start` on.
 struct Operation {
     start: usize,
     before: Vec<u8>,
@@ -39,17 +39,17 @@ enum Lock {
     Locked,
     HalfOpen,
     Open,
-    /// A wrong key locks until the next reset.
-    Jammed,
+    /// Locked until the next reset, after a wrong key.
+    LockedUntilReset,
 }
 
 /// Cells and registers.
 pub struct Flash {
-    /// What the core reads.
+    /// Content as the core reads it.
     pub cells: Vec<u8>,
-    /// Parts of `cells` that the engine's copy does not have yet.
+    /// Ranges of `cells` that are newer than the engine's copy.
     pub changed: Vec<Range<usize>>,
-    /// Sectors erased since the board was made.
+    /// Sectors erased since the board was created.
     pub erase_count: u64,
     acr: u32,
     sr: u32,
@@ -68,7 +68,7 @@ pub fn sector(number: u32) -> Option<(usize, usize)> {
     })
 }
 
-/// Typical duration of a sector erase; `psize` 0 to 3 is the parallelism, 8 to 64 bits.
+/// Typical duration of a sector erase. `psize` 0 to 3 is the parallelism, 8 to 64 bits.
 fn erase_ns(len: usize, psize: u32) -> u64 {
     let row = match len >> 10 {
         16 => [400, 300, 250, 250],
@@ -79,7 +79,7 @@ fn erase_ns(len: usize, psize: u32) -> u64 {
     row[psize as usize] * 1_000_000
 }
 
-/// A fixed sequence of well-mixed numbers (splitmix64).
+/// The next number of a deterministic pseudo-random sequence (splitmix64).
 pub(crate) fn mix(seed: &mut u64) -> u64 {
     *seed = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (*seed ^ (*seed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -88,7 +88,7 @@ pub(crate) fn mix(seed: &mut u64) -> u64 {
 }
 
 impl Flash {
-    /// `cells` is cut or filled up with 0xff to the size of the chip.
+    /// A flash with `cells`, which are truncated or extended with 0xff to the size of the chip.
     pub fn new(mut cells: Vec<u8>) -> Flash {
         cells.resize(LEN, 0xff);
         Flash {
@@ -103,27 +103,27 @@ impl Flash {
         }
     }
 
-    /// Registers as after a reset; an operation under way is cut.
+    /// Resets the registers; an operation in progress is interrupted.
     pub fn reset(&mut self, now: Time) {
         self.cut(now);
         (self.acr, self.sr, self.cr, self.lock) = (0, 0, LOCK, Lock::Locked);
     }
 
-    /// Until when the core stalls.
+    /// Time until which the core stalls.
     pub fn busy_until(&self) -> Time {
         self.operation
             .as_ref()
             .map_or(0, |operation| operation.done_at)
     }
 
-    /// When something happens next.
+    /// Time of the next event.
     pub fn next(&self) -> Time {
         self.operation
             .as_ref()
             .map_or(NEVER, |operation| operation.done_at)
     }
 
-    /// Ends an operation whose time has come.
+    /// Completes an operation that is due.
     pub fn fire(&mut self, now: Time) {
         if self.next() <= now {
             self.operation = None;
@@ -139,12 +139,12 @@ impl Flash {
         self.sr & EOP != 0 && self.cr & EOPIE != 0
     }
 
-    /// Wait states that were asked for.
+    /// Configured wait states.
     pub fn latency(&self) -> u64 {
         u64::from(self.acr & 15)
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0x00 => self.acr,
@@ -173,7 +173,7 @@ impl Flash {
             (Lock::HalfOpen, 0xcdef_89ab) => Lock::Open,
             _ => {
                 cx.error("FLASH: wrong key; locked until the next reset");
-                Lock::Jammed
+                Lock::LockedUntilReset
             }
         };
         if self.lock == Lock::Open {
@@ -186,7 +186,7 @@ impl Flash {
             return cx.error("FLASH: CR written while locked: ignored");
         }
         if self.operation.is_some() {
-            // the bus stalls until the operation ends; code in flash never gets here
+            // a real bus stalls until the operation ends; code in flash cannot get here
             return cx.error("FLASH: CR written while busy");
         }
         self.cr = value;
@@ -226,11 +226,11 @@ impl Flash {
         });
     }
 
-    /// A store to the flash's addresses. Bits can only be cleared.
+    /// Programs the flash by a store to its address range. Bits can only be cleared.
     pub fn program(&mut self, address: u32, size: usize, value: u64, cx: &mut Context) {
         let start = (address - BASE) as usize;
         let range = start..(start + size).min(LEN);
-        // the engine has already done the store to its copy: it must be put right either way
+        // the engine has already stored to its copy, which must be corrected in any case
         self.changed.push(range.clone());
         if self.cr & PG == 0 || self.cr & LOCK != 0 {
             self.sr |= PGSERR;
@@ -248,7 +248,7 @@ impl Flash {
         for (cell, byte) in self.cells[range].iter_mut().zip(bytes) {
             *cell &= byte;
         }
-        // a store while busy waits for its turn
+        // a store while busy waits until the operation ends
         let begun = cx.now.max(self.busy_until());
         let done_at = begun + from_ns(PROGRAM_NS);
         self.operation = Some(Operation {
@@ -260,9 +260,9 @@ impl Flash {
         });
     }
 
-    /// What is left of an operation that lost its supply. A programming has cleared some of its
-    /// bits. An erase first programs all cells to 0, which takes it a quarter of its time here,
-    /// then lets the bits rise; each word is by chance ahead, behind, or torn between.
+    /// Interrupts an operation, as a power cut does. Programming has cleared some of its bits. An
+    /// erase first programs all cells to 0, for which this model assumes a quarter of its time,
+    /// then sets the bits. Each word is at random complete, unchanged, or a mixture.
     pub fn cut(&mut self, now: Time) {
         let Some(operation) = self.operation.take() else {
             return;
@@ -272,8 +272,8 @@ impl Flash {
         let mut seed = now ^ operation.start as u64;
         let start = operation.start;
         for (i, old) in operation.before.chunks(4).enumerate() {
-            let at = start + 4 * i;
-            let new = self.cells[at..at + old.len()].to_vec();
+            let offset = start + 4 * i;
+            let new = self.cells[offset..offset + old.len()].to_vec();
             let torn = if !operation.erases {
                 between(old, &new, done, total, &mut seed)
             } else if done < total / 4 {
@@ -287,13 +287,13 @@ impl Flash {
                     &mut seed,
                 )
             };
-            self.cells[at..at + old.len()].copy_from_slice(&torn[..old.len()]);
+            self.cells[offset..offset + old.len()].copy_from_slice(&torn[..old.len()]);
         }
         self.changed.push(start..start + operation.before.len());
     }
 }
 
-/// A word on its way from `old` to `new`: the one, the other, or some bits of each.
+/// A word during the change from `old` to `new`: either of them, or some bits of each.
 fn between(old: &[u8], new: &[u8], done: Time, total: Time, seed: &mut u64) -> [u8; 4] {
     let chance = mix(seed);
     let share = (u128::from(done) * 256 / u128::from(total)) as u64;
@@ -313,11 +313,11 @@ fn between(old: &[u8], new: &[u8], done: Time, total: Time, seed: &mut u64) -> [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     fn open(flash: &mut Flash, errors: &mut Errors) {
         for key in [0x4567_0123, 0xcdef_89ab] {
-            flash.write(4, key, &mut quiet(errors, 0));
+            flash.write(4, key, &mut test_context(errors, 0));
         }
     }
 
@@ -339,9 +339,9 @@ mod tests {
     }
 
     #[test]
-    fn wrong_key_jams() {
+    fn wrong_key_locks_until_reset() {
         let (mut flash, mut errors) = (Flash::new(vec![]), Errors::default());
-        flash.write(4, 1, &mut quiet(&mut errors, 0));
+        flash.write(4, 1, &mut test_context(&mut errors, 0));
         open(&mut flash, &mut errors);
         assert_ne!(flash.read(0x10) & LOCK, 0);
         flash.reset(0);
@@ -350,10 +350,14 @@ mod tests {
     }
 
     #[test]
-    fn sector_erase_takes_its_time() {
+    fn sector_erase_takes_the_time_of_the_datasheet() {
         let (mut flash, mut errors) = filled();
         let x32 = 2 << 8;
-        flash.write(0x10, x32 | SER | STRT | 2 << 3, &mut quiet(&mut errors, 0));
+        flash.write(
+            0x10,
+            x32 | SER | STRT | 2 << 3,
+            &mut test_context(&mut errors, 0),
+        );
         assert_eq!(flash.busy_until(), from_ns(250_000_000));
         assert_ne!(flash.read(0x0c) & BSY, 0);
         flash.fire(flash.busy_until());
@@ -371,36 +375,36 @@ mod tests {
     #[test]
     fn programming_clears_bits_only_and_needs_the_right_width() {
         let (mut flash, mut errors) = filled();
-        flash.write(0x10, PG | 2 << 8, &mut quiet(&mut errors, 0));
-        flash.program(BASE + 8, 4, 0xffff_ff0f, &mut quiet(&mut errors, 0));
+        flash.write(0x10, PG | 2 << 8, &mut test_context(&mut errors, 0));
+        flash.program(BASE + 8, 4, 0xffff_ff0f, &mut test_context(&mut errors, 0));
         assert_eq!(flash.cells[8..12], [0x0a, 0x5a, 0x5a, 0x5a]);
         assert_eq!(flash.busy_until(), from_ns(PROGRAM_NS));
-        flash.program(BASE + 16, 1, 0, &mut quiet(&mut errors, 0));
+        flash.program(BASE + 16, 1, 0, &mut test_context(&mut errors, 0));
         assert_eq!(flash.cells[16], 0x5a);
         assert_ne!(flash.read(0x0c) & PGPERR, 0);
     }
 
     #[test]
-    fn cut_erase_leaves_words_on_their_way_over_zero() {
-        // a tenth of 400 ms, and nine tenths
+    fn interrupted_erase_leaves_a_mixture_of_words() {
+        // after 10 % and after 90 % of 400 ms
         for (cut_ns, from, to) in [(40_000_000, 0x5a, 0), (360_000_000, 0, 0xff)] {
             let (mut flash, mut errors) = filled();
-            flash.write(0x10, SER | STRT, &mut quiet(&mut errors, 0));
+            flash.write(0x10, SER | STRT, &mut test_context(&mut errors, 0));
             flash.reset(from_ns(cut_ns));
             let cells = &flash.cells[..16 << 10];
             let count = |value: u8| cells.iter().filter(|b| **b == value).count();
             assert!(count(from) > 1000 && count(to) > 1000, "{from} {to}");
             let torn = cells.len() - count(from) - count(to);
-            assert!(torn > 1000, "{torn} cells are torn");
+            assert!(torn > 1000, "{torn} cells are mixtures");
         }
     }
 
     #[test]
-    fn cut_programming_leaves_only_bits_that_old_or_new_had() {
+    fn interrupted_programming_leaves_only_bits_of_the_old_or_new_word() {
         for cut_ns in (0..16_000).step_by(500) {
             let (mut flash, mut errors) = filled();
-            flash.write(0x10, PG | 2 << 8, &mut quiet(&mut errors, 0));
-            flash.program(BASE, 4, 0, &mut quiet(&mut errors, 0));
+            flash.write(0x10, PG | 2 << 8, &mut test_context(&mut errors, 0));
+            flash.program(BASE, 4, 0, &mut test_context(&mut errors, 0));
             flash.reset(from_ns(cut_ns));
             assert!(flash.cells[..4].iter().all(|b| b & !0x5a == 0));
         }

@@ -12,7 +12,7 @@ const AFRL: usize = 0x20;
 /// Ports A to H.
 pub const PORTS: usize = 8;
 
-/// What a pin is set to.
+/// Configuration of a pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Mode {
     /// Digital input.
@@ -21,7 +21,7 @@ pub enum Mode {
     Output,
     /// Connected to a peripheral.
     Alternate(u8),
-    /// Digital parts off.
+    /// Analog; the digital input is off.
     Analog,
 }
 
@@ -47,7 +47,7 @@ pub const TIMER_INPUTS: [(usize, usize, u8, Pin); 19] = [
     (5, 1, 2, pin('A', 0)),
     (5, 2, 2, pin('A', 1)),
 ];
-/// The serial link to the ST-LINK goes over these pins of USART2, alternate function 7.
+/// Pin of USART2, alternate function 7, connected to the ST-LINK.
 pub const LINK_TX: Pin = pin('A', 2);
 /// See [`LINK_TX`].
 pub const LINK_RX: Pin = pin('A', 3);
@@ -64,18 +64,18 @@ pub fn adc_pin(channel: u32) -> Option<Pin> {
     }
 }
 
-/// What the world outside does to the pins; it does not care about resets of the chip.
+/// External signals at the pins; resets of the chip do not change them.
 #[derive(Clone)]
-pub struct Outside {
+pub struct External {
     /// Voltage that a pin is driven to.
     pub volts: [[f64; 16]; PORTS],
-    /// Level that a pin is driven to, if it is.
+    /// Level that a pin is driven to; none if it is not driven.
     pub levels: [[Option<bool>; 16]; PORTS],
 }
 
-impl Default for Outside {
+impl Default for External {
     fn default() -> Self {
-        Outside {
+        External {
             volts: [[0.0; 16]; PORTS],
             levels: [[None; 16]; PORTS],
         }
@@ -98,7 +98,7 @@ impl Default for Gpio {
 }
 
 impl Gpio {
-    /// Puts a port back to its reset values: the debug pins of A and B are alternate functions.
+    /// Resets a port; the debug pins of ports A and B are alternate functions after a reset.
     pub fn reset(&mut self, port: usize) {
         self.words[port] = [0; 10];
         let (moder, ospeedr, pupdr) = match port {
@@ -111,7 +111,7 @@ impl Gpio {
         self.words[port][PUPDR / 4] = pupdr;
     }
 
-    /// What `pin` is set to.
+    /// Configuration of `pin`.
     pub fn mode(&self, pin: Pin) -> Mode {
         let words = &self.words[usize::from(pin.port)];
         let number = usize::from(pin.number);
@@ -123,13 +123,13 @@ impl Gpio {
         }
     }
 
-    /// Level that the chip puts on an output pin.
+    /// Level of an output pin; none if the pin is not an output.
     pub fn output(&self, pin: Pin) -> Option<bool> {
         let odr = self.words[usize::from(pin.port)][ODR / 4];
         (self.mode(pin) == Mode::Output).then_some(odr >> pin.number & 1 != 0)
     }
 
-    /// The pins that reach inputs 1 and 2 of timer `timer`; the first in the table wins.
+    /// The pins connected to inputs 1 and 2 of `timer`; the first in the table has priority.
     pub fn timer_inputs(&self, timer: usize) -> [Option<Pin>; 2] {
         [1, 2].map(|channel| {
             let fits = |row: &&(usize, usize, u8, Pin)| {
@@ -139,29 +139,29 @@ impl Gpio {
         })
     }
 
-    /// A register; `outside` gives the levels that IDR shows.
-    pub fn read(&self, port: usize, offset: u32, outside: &Outside) -> u32 {
+    /// Reads a register; `external` gives the levels that IDR shows.
+    pub fn read(&self, port: usize, offset: u32, external: &External) -> u32 {
         match offset as usize {
             IDR => (0..16).fold(0, |word, number| {
                 let pin = Pin {
                     port: port as u8,
                     number,
                 };
-                word | u32::from(self.level(pin, outside)) << number
+                word | u32::from(self.level(pin, external)) << number
             }),
             BSRR => 0,
             offset => self.words[port].get(offset / 4).copied().unwrap_or(0),
         }
     }
 
-    fn level(&self, pin: Pin, outside: &Outside) -> bool {
+    fn level(&self, pin: Pin, external: &External) -> bool {
         let (port, number) = (usize::from(pin.port), usize::from(pin.number));
         let pulled_up = self.words[port][PUPDR / 4] >> (2 * number) & 3 == 1;
         match self.mode(pin) {
             Mode::Analog => false,
             _ => self
                 .output(pin)
-                .or(outside.levels[port][number])
+                .or(external.levels[port][number])
                 .unwrap_or(pulled_up),
         }
     }
@@ -184,18 +184,18 @@ mod tests {
 
     #[test]
     fn reset_values_are_those_of_the_manual() {
-        let (gpio, outside) = (Gpio::default(), Outside::default());
-        assert_eq!(gpio.read(0, 0, &outside), 0xa800_0000);
-        assert_eq!(gpio.read(1, 0, &outside), 0x280);
+        let (gpio, external) = (Gpio::default(), External::default());
+        assert_eq!(gpio.read(0, 0, &external), 0xa800_0000);
+        assert_eq!(gpio.read(1, 0, &external), 0x280);
         assert_eq!(gpio.mode(pin('C', 3)), Mode::Input);
         assert_eq!(gpio.mode(pin('A', 13)), Mode::Alternate(0));
     }
 
     #[test]
     fn bsrr_sets_before_it_clears() {
-        let (mut gpio, outside) = (Gpio::default(), Outside::default());
+        let (mut gpio, external) = (Gpio::default(), External::default());
         gpio.write(2, BSRR as u32, 0x0003_0001);
-        assert_eq!(gpio.read(2, ODR as u32, &outside), 1);
+        assert_eq!(gpio.read(2, ODR as u32, &external), 1);
     }
 
     #[test]
@@ -211,14 +211,14 @@ mod tests {
     }
 
     #[test]
-    fn input_shows_the_outside_else_its_pull() {
-        let (mut gpio, mut outside) = (Gpio::default(), Outside::default());
+    fn input_shows_the_external_level_or_its_pull_up() {
+        let (mut gpio, mut external) = (Gpio::default(), External::default());
         gpio.write(2, PUPDR as u32, 1 << 26);
-        assert_eq!(gpio.read(2, IDR as u32, &outside), 1 << 13);
-        outside.levels[2][13] = Some(false);
-        assert_eq!(gpio.read(2, IDR as u32, &outside), 0);
+        assert_eq!(gpio.read(2, IDR as u32, &external), 1 << 13);
+        external.levels[2][13] = Some(false);
+        assert_eq!(gpio.read(2, IDR as u32, &external), 0);
         gpio.write(2, MODER as u32, 3 << 26);
-        outside.levels[2][13] = Some(true);
-        assert_eq!(gpio.read(2, IDR as u32, &outside), 0, "analog pins read 0");
+        external.levels[2][13] = Some(true);
+        assert_eq!(gpio.read(2, IDR as u32, &external), 0, "analog pins read 0");
     }
 }

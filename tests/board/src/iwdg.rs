@@ -1,8 +1,8 @@
-//! IWDG: keys, prescaler, reload, and the bite (RM0390 chapter 21).
+//! IWDG: keys, prescaler, reload and timeout (RM0390 chapter 21).
 
 use crate::time::{NEVER, Time, period};
 
-/// The watchdog's own oscillator; real ones lie between 17 and 47 kHz.
+/// Frequency of the LSI oscillator; 17 to 47 kHz in real chips.
 pub const LSI_HZ: u64 = 32_000;
 
 /// The watchdog.
@@ -11,10 +11,10 @@ pub struct Iwdg {
     reload: u32,
     open: bool,
     started: bool,
-    /// PVU and RVU are set until then; before the start they never clear.
+    /// Time until which PVU and RVU are set; before the start they are never cleared.
     updating_until: Time,
     updating: u32,
-    bites_at: Time,
+    expires_at: Time,
 }
 
 impl Default for Iwdg {
@@ -26,18 +26,18 @@ impl Default for Iwdg {
             started: false,
             updating_until: 0,
             updating: 0,
-            bites_at: NEVER,
+            expires_at: NEVER,
         }
     }
 }
 
 impl Iwdg {
-    /// When the chip is reset if nothing is done.
+    /// Time at which the watchdog resets the chip unless it is fed.
     pub fn next(&self) -> Time {
-        self.bites_at
+        self.expires_at
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&self, offset: u32, now: Time) -> u32 {
         match offset {
             0x04 => self.prescaler,
@@ -57,7 +57,7 @@ impl Iwdg {
                 self.started |= key == 0xcccc;
                 if self.started && matches!(key, 0xaaaa | 0xcccc) {
                     let divider = 4 << self.prescaler.min(6);
-                    self.bites_at = now + (Time::from(self.reload) + 1) * divider * lsi;
+                    self.expires_at = now + (Time::from(self.reload) + 1) * divider * lsi;
                     self.updating_until = self.updating_until.max(now);
                 }
             }
@@ -96,13 +96,13 @@ mod tests {
     }
 
     #[test]
-    fn bites_after_reload_plus_one_prescaled_clocks() {
+    fn timeout_is_reload_plus_one_prescaled_clocks() {
         assert_eq!(started(0, 399).next(), from_ns(50 * MS));
         assert_eq!(started(3, 0xfff).next(), from_ns(4096 * MS));
     }
 
     #[test]
-    fn feeding_puts_it_off_only_after_the_start() {
+    fn feeding_restarts_the_timeout_only_after_the_start() {
         let mut iwdg = Iwdg::default();
         iwdg.write(0, 0xaaaa, 0);
         assert_eq!(iwdg.next(), NEVER);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn update_flags_clear_only_once_it_runs() {
+    fn update_flags_clear_only_after_the_start() {
         let mut iwdg = Iwdg::default();
         iwdg.write(0, 0x5555, 0);
         iwdg.write(4, 1, 0);

@@ -1,7 +1,8 @@
 //! An emulated NUCLEO-F446RE: the unmodified firmware runs on the PC.
 //!
-//! A [`Board`] takes the ELF that would be flashed. Its user drives the pins, listens to the DAC
-//! and the serial link, and lets time pass; a plant on the PC is coupled in lockstep:
+//! A [`Board`] takes the ELF file that is flashed to a real board. The caller drives the pins,
+//! reads the DAC and the serial link, and advances time; so a plant on the PC is coupled in
+//! lockstep:
 //!
 //! ```no_run
 //! use emulated_board::{Board, pin};
@@ -16,12 +17,12 @@
 //! assert!(board.errors().is_empty(), "{}", board.error_report());
 //! ```
 //!
-//! Nothing is random: two runs with the same inputs are equal in every instruction. What a real
-//! board would silently ignore (a peripheral without its clock, a pin with the wrong function)
-//! has no effect here either, and is listed by [`Board::errors`].
+//! Runs are deterministic: two runs with the same inputs execute the same instructions at the same
+//! times. What a real board silently ignores (a peripheral without its clock, a pin with the wrong
+//! function) has no effect here either, and is listed by [`Board::errors`].
 //!
-//! Each instruction takes one cycle. Real ones take one to three, so durations of code are lower
-//! bounds; instants that hardware decides (timers, conversions, bytes) are exact.
+//! Each instruction takes one cycle. On a real core most take one to three, so that durations of
+//! code are lower bounds; times that hardware determines (timers, conversions, bytes) are exact.
 
 mod adc;
 mod board;

@@ -1,18 +1,18 @@
-//! The firmware's defmt log, out of the RTT buffer in its RAM.
+//! The defmt log of the firmware, read from the RTT buffer in its RAM.
 
 use defmt_decoder::{DecodeError, Table};
 
-/// Decodes what the firmware writes; none if it does not log with defmt.
+/// Decoder of the log.
 pub(crate) struct Log {
     table: Table,
     control_block: u32,
-    /// Bytes of a frame that is not whole yet.
+    /// Bytes of an incomplete frame.
     rest: Vec<u8>,
-    /// Decoded lines that nobody took yet.
+    /// Decoded lines not yet taken by the caller.
     pub lines: Vec<String>,
 }
 
-/// The fields of the first up-channel that are needed.
+/// The fields of the first up-channel that are used.
 pub(crate) struct Channel {
     pub buffer: u32,
     pub size: u32,
@@ -20,12 +20,13 @@ pub(crate) struct Channel {
     pub read: u32,
 }
 
-/// Length of what [`Log::channel`] looks at.
+/// Length of the control block that [`Log::channel`] reads.
 pub(crate) const CONTROL_BLOCK_LEN: usize = 24 + 24;
-/// Where the host notes how far it has read.
+/// Offset of the read position, which the host writes.
 pub(crate) const READ_OFFSET: u32 = 24 + 16;
 
 impl Log {
+    /// A decoder for an ELF file; none if the firmware does not log with defmt.
     pub fn new(elf: &[u8], symbols: &[(String, u32)]) -> Option<Log> {
         let table = Table::parse(elf).ok().flatten()?;
         let control_block = symbols.iter().find(|(name, _)| name == "_SEGGER_RTT")?.1;
@@ -41,20 +42,20 @@ impl Log {
         self.control_block
     }
 
-    /// The channel, once the firmware has set it up.
+    /// The channel; none before the firmware has initialised it.
     pub fn channel(block: &[u8]) -> Option<Channel> {
-        let word = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|k| block[at + k]));
+        let word = |offset: usize| u32::from_le_bytes([0, 1, 2, 3].map(|k| block[offset + k]));
         let channel = Channel {
             buffer: word(28),
             size: word(32),
             write: word(36),
             read: word(40),
         };
-        let sane = channel.write < channel.size && channel.read < channel.size;
-        (block.starts_with(b"SEGGER RTT") && sane && channel.size <= 1 << 16).then_some(channel)
+        let valid = channel.write < channel.size && channel.read < channel.size;
+        (block.starts_with(b"SEGGER RTT") && valid && channel.size <= 1 << 16).then_some(channel)
     }
 
-    /// The chip was reset: what is not whole never will be.
+    /// Discards an incomplete frame, after a reset of the chip.
     pub fn cut(&mut self) {
         self.rest.clear();
     }
@@ -65,9 +66,9 @@ impl Log {
         let Some(last) = self.rest.iter().rposition(|byte| *byte == 0) else {
             return;
         };
-        let whole: Vec<u8> = self.rest.drain(..=last).collect();
+        let frames: Vec<u8> = self.rest.drain(..=last).collect();
         let mut decoder = self.table.new_stream_decoder();
-        decoder.received(&whole);
+        decoder.received(&frames);
         loop {
             match decoder.decode() {
                 Ok(frame) => {

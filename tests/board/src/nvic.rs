@@ -1,4 +1,4 @@
-//! NVIC and the exception part of the SCB: which exception runs next (ARMv7-M, B1.5 and B3.4).
+//! NVIC and the exception part of the SCB: selects the next exception (ARMv7-M, B1.5 and B3.4).
 
 /// System exceptions and the 97 interrupts of the F446.
 pub const EXCEPTIONS: usize = 16 + 97;
@@ -14,10 +14,10 @@ pub const SV_CALL: usize = 11;
 pub const PEND_SV: usize = 14;
 /// See [`HARD_FAULT`].
 pub const SYS_TICK: usize = 15;
-/// Lower than every exception: thread mode.
+/// Priority of thread mode: below every exception.
 pub const THREAD_PRIORITY: i32 = 256;
 
-/// The masks of the core that raise its priority.
+/// The mask registers of the core, which raise its priority.
 #[derive(Clone, Copy, Default, Debug)]
 pub struct Masks {
     /// PRIMASK
@@ -28,13 +28,13 @@ pub struct Masks {
     pub basepri: u8,
 }
 
-/// State of all exceptions; bit n of a set is exception n.
+/// State of all exceptions; bit n of a set stands for exception n.
 pub struct Nvic {
     enabled: u128,
     pending: u128,
     /// Interrupt lines that are high.
     lines: u128,
-    /// Running and preempted exceptions, the running one last.
+    /// Running and preempted exceptions; the running one is the last.
     active: Vec<usize>,
     priority: [u8; EXCEPTIONS],
     /// AIRCR.PRIGROUP
@@ -55,7 +55,7 @@ impl Default for Nvic {
 }
 
 impl Nvic {
-    /// Priority of an exception; less is more urgent.
+    /// Priority of an exception; a lower number is more urgent.
     pub fn priority(&self, exception: usize) -> i32 {
         match exception {
             0..=3 => exception as i32 - 4,
@@ -63,7 +63,7 @@ impl Nvic {
         }
     }
 
-    /// The part of the priority that decides about preemption.
+    /// The group part of a priority, which determines preemption.
     fn group(&self, priority: i32) -> i32 {
         if priority < 0 {
             priority
@@ -77,12 +77,12 @@ impl Nvic {
         self.active.last().copied().unwrap_or(0)
     }
 
-    /// How many exceptions run or are preempted.
+    /// Count of running and preempted exceptions.
     pub fn depth(&self) -> usize {
         self.active.len()
     }
 
-    /// The priority that the core executes with.
+    /// The execution priority of the core.
     pub fn execution_priority(&self, masks: Masks) -> i32 {
         let active = self
             .active
@@ -102,7 +102,7 @@ impl Nvic {
         priority
     }
 
-    /// The most urgent pending exception, masks not looked at; the lower number wins a tie.
+    /// The most urgent pending exception regardless of masks; of equal ones the lowest number.
     fn candidate(&self) -> Option<usize> {
         let mut set = self.pending & self.enabled;
         let mut best: Option<usize> = None;
@@ -116,19 +116,19 @@ impl Nvic {
         best
     }
 
-    /// Whether anything is pending and enabled.
+    /// Whether an enabled exception is pending.
     pub fn is_anything_pending(&self) -> bool {
         self.pending & self.enabled != 0
     }
 
-    /// The exception to enter now, if one is urgent enough.
+    /// The exception to enter now, if one is more urgent than the execution priority.
     pub fn to_enter(&self, masks: Masks) -> Option<usize> {
         let exception = self.candidate()?;
         let urgent = self.group(self.priority(exception)) < self.execution_priority(masks);
         urgent.then_some(exception)
     }
 
-    /// Whether WFI wakes up: as `to_enter`, but PRIMASK does not count.
+    /// Whether WFI wakes up: like `to_enter`, but ignores PRIMASK.
     pub fn wakes(&self, masks: Masks) -> bool {
         self.to_enter(Masks {
             primask: false,
@@ -137,13 +137,13 @@ impl Nvic {
         .is_some()
     }
 
-    /// An exception begins.
+    /// Marks an exception as running.
     pub fn enter(&mut self, exception: usize) {
         self.pending &= !(1 << exception);
         self.active.push(exception);
     }
 
-    /// The running exception ends; a line that is still high makes it pending again.
+    /// Ends the running exception; a line that is still high makes it pending again.
     pub fn leave(&mut self) {
         if let Some(exception) = self.active.pop() {
             self.pending |= self.lines & (1 << exception);
@@ -155,7 +155,7 @@ impl Nvic {
         self.pending |= 1 << exception;
     }
 
-    /// Takes over the levels of the interrupt lines (bit n: interrupt n).
+    /// Sets the levels of the interrupt lines (bit n: interrupt n).
     pub fn set_lines(&mut self, lines: u128) {
         self.lines = lines << 16;
         let running = self.active.iter().fold(0, |set, e| set | 1u128 << e);
@@ -166,7 +166,7 @@ impl Nvic {
         (set >> 16 >> (8 * (offset & 0x7c))) as u32
     }
 
-    /// A register of the NVIC; `address` is the low part after 0xE000_Exxx.
+    /// Reads a register of the NVIC; `address` is the low part after 0xE000_Exxx.
     pub fn read(&self, address: u32) -> u32 {
         match address {
             0x100..=0x10f | 0x180..=0x18f => Self::word(self.enabled, address),
@@ -213,7 +213,7 @@ impl Nvic {
         }
     }
 
-    /// ICSR: running and pending exceptions.
+    /// Reads ICSR: running and pending exceptions.
     pub fn icsr(&self) -> u32 {
         let pending = |exception: usize| (self.pending >> exception) as u32 & 1;
         self.running() as u32
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn most_urgent_goes_first_and_the_lower_number_wins_a_tie() {
+    fn most_urgent_exception_is_first_and_of_equals_the_lowest_number() {
         let mut nvic = nvic(&[(38, 0x20), (56, 0x10), (57, 0x10)]);
         nvic.set_lines(1 << 38 | 1 << 56 | 1 << 57);
         assert_eq!(nvic.to_enter(Masks::default()), Some(16 + 56));
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn masks_hold_back() {
+    fn masks_delay_exceptions() {
         let mut nvic = nvic(&[(1, 0x20)]);
         nvic.set_lines(1 << 1);
         let basepri = |basepri| Masks {
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn level_that_stays_high_comes_again_after_the_return() {
+    fn line_that_stays_high_pends_again_after_the_return() {
         let mut nvic = nvic(&[(1, 0x20)]);
         nvic.set_lines(1 << 1);
         nvic.enter(17);
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn priority_groups_stop_preemption_among_subpriorities() {
+    fn subpriorities_do_not_preempt_each_other() {
         let mut nvic = nvic(&[(1, 0x50), (2, 0x40)]);
         nvic.prigroup = 4;
         nvic.enter(17);

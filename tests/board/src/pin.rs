@@ -1,4 +1,4 @@
-//! Names of the chip's pins.
+//! Names of the pins of the chip.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ pub struct Pin {
     pub number: u8,
 }
 
-/// `pin('A', 5)` is PA5. Panics on a pin that does not exist.
+/// `pin('A', 5)` is PA5. Panics if the pin does not exist.
 pub const fn pin(port: char, number: u8) -> Pin {
     assert!(port >= 'A' && port <= 'H' && number < 16);
     Pin {

@@ -3,7 +3,7 @@
 const ODEN: u32 = 1 << 16;
 const ODSWEN: u32 = 1 << 17;
 
-/// PWR_CR, and what follows from it.
+/// PWR_CR and the state that depends on it.
 pub struct Pwr {
     cr: u32,
 }
@@ -15,7 +15,7 @@ impl Default for Pwr {
 }
 
 impl Pwr {
-    /// PWR_CR or PWR_CSR; the regulator is ready at once.
+    /// Reads PWR_CR or PWR_CSR; the regulator is ready at once.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
             0 => self.cr,
@@ -24,7 +24,7 @@ impl Pwr {
         }
     }
 
-    /// Over-drive can be switched to only after it was enabled.
+    /// Writes PWR_CR. Over-drive switching takes effect only after over-drive was enabled.
     pub fn write(&mut self, offset: u32, value: u32) {
         if offset == 0 {
             let ready = self.cr & ODEN != 0;
@@ -32,7 +32,7 @@ impl Pwr {
         }
     }
 
-    /// The fastest HCLK the regulator carries \[Hz\].
+    /// Maximum HCLK for the voltage scale in force \[Hz\].
     pub fn hclk_max_hz(&self) -> u64 {
         match (self.cr >> 14 & 3, self.cr & ODSWEN != 0) {
             (3, true) => 180_000_000,
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn over_drive_takes_two_steps() {
+    fn over_drive_must_be_enabled_before_it_is_switched_on() {
         let mut pwr = Pwr::default();
         pwr.write(0, 0xc000 | ODEN | ODSWEN);
         assert_eq!(pwr.hclk_max_hz(), 168_000_000);

@@ -3,7 +3,7 @@
 use crate::errors::Context;
 use crate::time::{Time, period};
 
-/// The clock that the ST-LINK feeds into OSC_IN of a NUCLEO-F446RE; no crystal is fitted.
+/// Clock from the ST-LINK at OSC_IN of a NUCLEO-F446RE \[Hz\]; no crystal is fitted.
 pub const HSE_HZ: u64 = 8_000_000;
 const HSI_HZ: u64 = 16_000_000;
 
@@ -26,7 +26,7 @@ pub enum Bus {
     Apb2 = 0x44,
 }
 
-/// What reset the chip.
+/// Cause of a reset.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum ResetCause {
     /// Supply switched on.
@@ -51,7 +51,7 @@ impl ResetCause {
     }
 }
 
-/// The clocks that come out of the tree.
+/// Frequencies of the clock tree.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub struct Clocks {
     /// Core, memories, DMA \[Hz\].
@@ -71,7 +71,7 @@ impl Clocks {
     }
 }
 
-/// The registers, and the clocks they make.
+/// The registers and the clocks that they configure.
 pub struct Rcc {
     words: [u32; REGISTERS],
     /// The clocks in force.
@@ -79,7 +79,7 @@ pub struct Rcc {
 }
 
 impl Rcc {
-    /// After a reset; `flags` are those RCC_CSR had before.
+    /// The state after a reset; `flags` are those of RCC_CSR before it.
     pub fn new(cause: ResetCause, flags: u32) -> Rcc {
         let mut words = [0; REGISTERS];
         words[CR / 4] = 0x81;
@@ -102,12 +102,12 @@ impl Rcc {
         self.words[CSR / 4] & 0xfe00_0000
     }
 
-    /// Whether the peripheral behind `bit` of `bus` has its clock.
+    /// Whether the clock of the peripheral at `bit` of `bus` is enabled.
     pub fn is_on(&self, bus: Bus, bit: u32) -> bool {
         self.words[bus as usize / 4] >> bit & 1 != 0
     }
 
-    /// A register as the firmware sees it: what is switched on is ready at once.
+    /// Reads a register; clock sources are ready as soon as they are switched on.
     pub fn read(&self, offset: u32) -> u32 {
         let index = offset as usize / 4;
         let word = self.words.get(index).copied().unwrap_or(0);
@@ -119,7 +119,7 @@ impl Rcc {
         }
     }
 
-    /// HSEON while nothing can oscillate: the board has no crystal, so bypass is needed.
+    /// HSEON if bypass is off: the board has no crystal, so that HSE never gets ready.
     fn hse_dead(&self) -> u32 {
         let cr = self.words[CR / 4];
         if cr & 1 << 18 == 0 { cr & 1 << 16 } else { 0 }
@@ -140,7 +140,7 @@ impl Rcc {
             return false;
         }
         self.words[index] = match index * 4 {
-            // ready bits are made in `read`
+            // `read` sets the ready bits
             CR => value & !0x2a02_0002,
             CSR if value & 1 << 24 != 0 => value & 1,
             CSR => self.words[CSR / 4] & 0xfe00_0000 | value & 1,
@@ -150,7 +150,7 @@ impl Rcc {
             return false;
         }
         if self.hse_dead() != 0 {
-            cx.error("RCC: HSE on without bypass: the NUCLEO has no crystal, it never gets ready");
+            cx.error("RCC: HSE on without bypass: the NUCLEO has no crystal, HSE never gets ready");
         }
         let before = self.clocks;
         self.clocks = self.tree();
@@ -195,7 +195,7 @@ impl Rcc {
         }
     }
 
-    /// Limits of the tree that a real chip does not forgive (RM0390 6.2.3, 6.3.2; datasheet).
+    /// Checks the limits of the clock tree (RM0390 6.2.3, 6.3.2; datasheet).
     fn check(&self, cx: &mut Context) {
         let cr = self.words[CR / 4];
         let clocks = self.clocks;
@@ -225,7 +225,7 @@ impl Rcc {
         }
         if !period(clocks.hclk_hz).1 {
             cx.error(format!(
-                "model: HCLK {} Hz is not whole in units of time",
+                "model: HCLK {} Hz is not a divisor of the time unit",
                 clocks.hclk_hz
             ));
         }
@@ -235,12 +235,12 @@ impl Rcc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     fn write_all(rcc: &mut Rcc, writes: &[(usize, u32)]) -> Vec<String> {
         let mut errors = Errors::default();
         for (offset, value) in writes {
-            rcc.write(*offset as u32, *value, &mut quiet(&mut errors, 0));
+            rcc.write(*offset as u32, *value, &mut test_context(&mut errors, 0));
         }
         errors.list.into_iter().map(|e| e.text).collect()
     }
@@ -262,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn reaches_180_mhz_without_a_complaint() {
+    fn configuration_for_180_mhz_has_no_errors() {
         let mut rcc = Rcc::new(ResetCause::Power, 0);
         assert_eq!(write_all(&mut rcc, &TO_180_MHZ), Vec::<String>::new());
         let clocks = rcc.clocks;
@@ -275,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn timers_follow_timpre() {
+    fn timpre_doubles_the_timer_clock() {
         let mut rcc = Rcc::new(ResetCause::Power, 0);
         write_all(&mut rcc, &TO_180_MHZ);
         write_all(&mut rcc, &[(DCKCFGR, 1 << 24)]);
@@ -283,14 +283,14 @@ mod tests {
     }
 
     #[test]
-    fn crystal_that_is_not_there_never_gets_ready() {
+    fn hse_without_bypass_never_gets_ready() {
         let mut rcc = Rcc::new(ResetCause::Power, 0);
         assert_eq!(write_all(&mut rcc, &[(CR, 0x0001_0081)]).len(), 1);
         assert_eq!(rcc.read(CR as u32) & 1 << 17, 0);
     }
 
     #[test]
-    fn limits_are_seen() {
+    fn clocks_above_their_limits_are_reported() {
         let mut rcc = Rcc::new(ResetCause::Power, 0);
         let too_fast = [TO_180_MHZ[0], TO_180_MHZ[1], TO_180_MHZ[2], (CFGR, 2)];
         assert_eq!(
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_flags_add_up_until_removed() {
+    fn reset_flags_accumulate_until_cleared() {
         let mut rcc = Rcc::new(ResetCause::Watchdog, 0x0e00_0000);
         assert_eq!(rcc.reset_flags(), 0x2e00_0000);
         write_all(&mut rcc, &[(CSR, 1 << 24)]);

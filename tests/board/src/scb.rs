@@ -21,24 +21,24 @@ pub const DEBUGEVT: u32 = 1 << 31;
 /// SCR: sleep when the last handler returns.
 pub const SLEEPONEXIT: u32 = 1 << 1;
 
-/// The registers that are more than a memory.
+/// The registers that have a function.
 #[derive(Default)]
 pub struct Scb {
     /// Vector table; 0 is the alias of the flash.
     pub vtor: u32,
-    /// SLEEPONEXIT is looked at.
+    /// SCR, of which SLEEPONEXIT is used.
     pub scr: u32,
     /// Enables of MemManage, BusFault and UsageFault.
     pub shcsr: u32,
-    /// What kind of fault.
+    /// CFSR: fault status.
     pub cfsr: u32,
-    /// Hard faults.
+    /// HFSR: hard fault status.
     pub hfsr: u32,
     /// Address of a bus fault.
     pub bfar: u32,
     /// Access to the floating-point unit.
     pub cpacr: u32,
-    /// AIRCR asked for a reset.
+    /// Whether AIRCR requested a reset.
     pub reset_requested: bool,
     ccr: u32,
 }
@@ -49,7 +49,8 @@ impl Scb {
         self.cpacr >> 20 & 0xf == 0xf
     }
 
-    /// A register; `address` is the low part after 0xE000_Exxx.
+    /// Reads a register; none if it is not one of these. `address` is the low part after
+    /// 0xE000_Exxx.
     pub fn read(&self, address: u32) -> Option<u32> {
         Some(match address {
             0xd00 => 0x410f_c241,

@@ -1,5 +1,5 @@
-//! The chip around the core: which peripheral answers at which address, who interrupts and
-//! triggers whom, and what happens next. It does not know how instructions are executed.
+//! The chip around the core: the address map of the peripherals, their interrupts and triggers,
+//! and the time of the next event. Independent of how instructions are executed.
 
 use crate::adc::{Adc, VREFINT_VOLTS};
 use crate::counters::{CycleCounter, SysTick};
@@ -7,7 +7,7 @@ use crate::dac::Dac;
 use crate::dma::{Dma, Transfer};
 use crate::errors::{Context, Errors};
 use crate::flash::{self, Flash};
-use crate::gpio::{self, Gpio, Mode, Outside};
+use crate::gpio::{self, External, Gpio, Mode};
 use crate::iwdg::Iwdg;
 use crate::nvic::{Nvic, SYS_TICK};
 use crate::pin::{Pin, pin};
@@ -19,7 +19,7 @@ use crate::time::{NEVER, Time, period, to_ns};
 use crate::usart::{Host, Usart};
 use std::collections::BTreeMap;
 
-/// The timers that there are: TIM2 to TIM7.
+/// Count of the timers, TIM2 to TIM7.
 const TIMERS: usize = 6;
 const TIMER_IRQ: [u32; TIMERS] = [28, 29, 30, 50, 54, 55];
 const USART2_IRQ: u32 = 38;
@@ -34,9 +34,9 @@ const ADC1_DMA: [(usize, usize, u32); 2] = [(1, 0, 0), (1, 4, 0)];
 const USART2_RX_DMA: (usize, usize, u32) = (0, 5, 4);
 const USART2_TX_DMA: (usize, usize, u32) = (0, 6, 4);
 
-/// What answers at an address.
+/// The peripheral at an address.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Block {
+enum Peripheral {
     Tim(usize),
     Iwdg,
     Usart2,
@@ -51,47 +51,47 @@ enum Block {
 }
 
 /// The peripheral at `address`, and its clock gate if it has one.
-fn block_at(address: u32) -> Option<(Block, Option<(Bus, u32)>)> {
+fn peripheral_at(address: u32) -> Option<(Peripheral, Option<(Bus, u32)>)> {
     use Bus::{Ahb1, Apb1, Apb2};
     Some(match address & !0x3ff {
         base @ 0x4000_0000..=0x4000_1400 => {
             let index = base >> 10 & 7;
-            (Block::Tim(index as usize), Some((Apb1, index)))
+            (Peripheral::Tim(index as usize), Some((Apb1, index)))
         }
-        0x4000_3000 => (Block::Iwdg, None),
-        0x4000_4400 => (Block::Usart2, Some((Apb1, 17))),
-        0x4000_7000 => (Block::Pwr, Some((Apb1, 28))),
-        0x4000_7400 => (Block::Dac, Some((Apb1, 29))),
-        0x4001_2000 => (Block::Adc, Some((Apb2, 8))),
-        0x4001_3800 => (Block::Memory("SYSCFG"), Some((Apb2, 14))),
-        0x4001_3c00 => (Block::Memory("EXTI"), None),
+        0x4000_3000 => (Peripheral::Iwdg, None),
+        0x4000_4400 => (Peripheral::Usart2, Some((Apb1, 17))),
+        0x4000_7000 => (Peripheral::Pwr, Some((Apb1, 28))),
+        0x4000_7400 => (Peripheral::Dac, Some((Apb1, 29))),
+        0x4001_2000 => (Peripheral::Adc, Some((Apb2, 8))),
+        0x4001_3800 => (Peripheral::Memory("SYSCFG"), Some((Apb2, 14))),
+        0x4001_3c00 => (Peripheral::Memory("EXTI"), None),
         base @ 0x4002_0000..=0x4002_1c00 => {
             let port = base >> 10 & 7;
-            (Block::Gpio(port as usize), Some((Ahb1, port)))
+            (Peripheral::Gpio(port as usize), Some((Ahb1, port)))
         }
-        0x4002_3800 => (Block::Rcc, None),
-        0x4002_3c00 => (Block::Flash, None),
-        0x4002_6000 => (Block::Dma(0), Some((Ahb1, 21))),
-        0x4002_6400 => (Block::Dma(1), Some((Ahb1, 22))),
+        0x4002_3800 => (Peripheral::Rcc, None),
+        0x4002_3c00 => (Peripheral::Flash, None),
+        0x4002_6000 => (Peripheral::Dma(0), Some((Ahb1, 21))),
+        0x4002_6400 => (Peripheral::Dma(1), Some((Ahb1, 22))),
         _ => return None,
     })
 }
 
-fn name(block: Block) -> String {
-    match block {
-        Block::Tim(index) => format!("TIM{}", index + 2),
-        Block::Gpio(port) => format!("GPIO{}", char::from(b'A' + port as u8)),
-        Block::Dma(index) => format!("DMA{}", index + 1),
-        Block::Adc => "ADC1".into(),
-        Block::Memory(name) => name.into(),
-        block => format!("{block:?}").to_uppercase(),
+fn name(peripheral: Peripheral) -> String {
+    match peripheral {
+        Peripheral::Tim(index) => format!("TIM{}", index + 2),
+        Peripheral::Gpio(port) => format!("GPIO{}", char::from(b'A' + port as u8)),
+        Peripheral::Dma(index) => format!("DMA{}", index + 1),
+        Peripheral::Adc => "ADC1".into(),
+        Peripheral::Memory(name) => name.into(),
+        peripheral => format!("{peripheral:?}").to_uppercase(),
     }
 }
 
-/// A change of what a DAC pin does.
+/// A change of the voltage at a DAC pin.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub struct DacEvent {
-    /// When.
+    /// Time of the change.
     pub time_ns: u64,
     /// 1 or 2.
     pub channel: usize,
@@ -99,15 +99,15 @@ pub struct DacEvent {
     pub volts: Option<f64>,
 }
 
-/// Everything on the chip but the core, and what the world does to its pins.
+/// The chip except the core, and the external signals at its pins.
 pub struct Soc {
-    /// The present.
+    /// Current time.
     pub now: Time,
     /// Duration of a core cycle.
     pub cycle: Time,
-    /// Instructions executed since the board was made.
+    /// Instructions executed since the board was created.
     pub instructions: u64,
-    /// Address of the instruction under execution.
+    /// Address of the current instruction.
     pub pc: u32,
     /// Clock tree.
     pub rcc: Rcc,
@@ -119,19 +119,19 @@ pub struct Soc {
     pub scb: Scb,
     /// CYCCNT.
     pub cycles: CycleCounter,
-    /// The PC's end of the serial link.
+    /// The PC at the serial link.
     pub host: Host,
-    /// What drives the pins.
-    pub outside: Outside,
+    /// External signals at the pins.
+    pub external: External,
     /// Changes of the DAC pins.
     pub dac_events: Vec<DacEvent>,
-    /// What went wrong.
+    /// Errors detected.
     pub errors: Errors,
-    /// Pins that the encoder's A and B are wired to.
+    /// Pins of the encoder signals A and B.
     pub encoder_pins: [Pin; 2],
     /// Position of the encoder in quadrature edges.
     pub encoder: i64,
-    /// A reset that the chip asked for.
+    /// A requested reset.
     pub reset: Option<ResetCause>,
     pwr: Pwr,
     gpio: Gpio,
@@ -148,7 +148,7 @@ pub struct Soc {
 }
 
 impl Soc {
-    /// Powered up for the first time.
+    /// The state after the first power-up.
     pub fn new(flash: Flash) -> Soc {
         let rcc = Rcc::new(ResetCause::Power, 0);
         let unit = |hz| period(hz).0;
@@ -163,7 +163,7 @@ impl Soc {
             scb: Scb::default(),
             cycles: CycleCounter::new(clocks.cycle()),
             host: Host::default(),
-            outside: Outside::default(),
+            external: External::default(),
             dac_events: vec![],
             errors: Errors::default(),
             encoder_pins: [pin('A', 0), pin('A', 1)],
@@ -184,7 +184,7 @@ impl Soc {
         }
     }
 
-    /// Registers as after a reset. Time, flash, the world outside and the logs go on.
+    /// Resets the registers. Time, flash, external signals and recorded events are kept.
     pub fn reset(&mut self, cause: ResetCause) {
         self.flash.reset(self.now);
         let flash = std::mem::replace(&mut self.flash, Flash::new(vec![]));
@@ -193,7 +193,7 @@ impl Soc {
         new.now = self.now;
         new.instructions = self.instructions;
         new.host = std::mem::take(&mut self.host);
-        new.outside = self.outside.clone();
+        new.external = self.external.clone();
         new.dac_events = std::mem::take(&mut self.dac_events);
         new.errors = std::mem::take(&mut self.errors);
         new.encoder_pins = self.encoder_pins;
@@ -201,10 +201,10 @@ impl Soc {
         new.dac_seen = self.dac_seen;
         new.set_clocks(new.rcc.clocks);
         *self = new;
-        self.note_dac();
+        self.record_dac();
     }
 
-    /// Runs `f` with what it may know of its surroundings.
+    /// Calls `f` with the context of a register access.
     fn with<T>(&mut self, f: impl FnOnce(&mut Soc, &mut Context) -> T) -> T {
         let mut errors = std::mem::take(&mut self.errors);
         let (now, pc) = (self.now, self.pc);
@@ -220,14 +220,14 @@ impl Soc {
         result
     }
 
-    /// Records a mistake.
+    /// Records an error.
     pub fn error(&mut self, text: impl Into<String>) {
         self.errors.add(self.now, self.pc, text.into());
     }
 
     // ---- time ----------------------------------------------------------------------------------
 
-    /// When something happens next that the core can notice.
+    /// Time of the next event that the core can observe.
     pub fn next_event(&self) -> Time {
         let timers = self
             .tims
@@ -241,7 +241,7 @@ impl Soc {
             .min(self.flash.next())
     }
 
-    /// Lets happen all that is due.
+    /// Executes all events that are due.
     pub fn fire_due(&mut self) {
         while self.next_event() <= self.now && self.reset.is_none() {
             self.fire();
@@ -252,7 +252,7 @@ impl Soc {
         for index in 0..TIMERS {
             if self.tims[index].next() <= self.now {
                 let pulses = self.tims[index].fire(self.now);
-                self.spread(index, pulses);
+                self.forward(index, pulses);
             }
         }
         if self.adc.next() <= self.now {
@@ -274,15 +274,15 @@ impl Soc {
         self.update_lines();
     }
 
-    /// Carries the edges of a timer to who listens.
-    fn spread(&mut self, index: usize, pulses: Pulses) {
+    /// Forwards the edges of a timer to ADC and DAC.
+    fn forward(&mut self, index: usize, pulses: Pulses) {
         if pulses == Pulses::default() {
             return;
         }
         let number = index + 2;
         if pulses.trgo {
             self.dac.trigger(number);
-            self.note_dac();
+            self.record_dac();
             self.with(|soc, cx| soc.adc.trigger((number, None), cx));
         }
         for channel in (0..4).filter(|channel| pulses.compare >> channel & 1 != 0) {
@@ -303,7 +303,7 @@ impl Soc {
         self.cycle = clocks.cycle();
     }
 
-    /// What a clock needs of regulator and flash (RM0390 tables 6 and 18).
+    /// Checks voltage scale and wait states for the clock (RM0390 tables 6 and 18).
     fn check_clock(&mut self) {
         let hz = self.rcc.clocks.hclk_hz;
         if hz > self.pwr.hclk_max_hz() {
@@ -328,23 +328,23 @@ impl Soc {
                 self.error(format!("ADC1: channel {channel} converted without TSVREFE"));
                 return 0.0;
             }
-            // the temperature sensor at 25 °C, by its datasheet
+            // temperature sensor at 25 °C (datasheet)
             return if channel == 17 { VREFINT_VOLTS } else { 0.76 };
         };
         if self.gpio.mode(pin) != Mode::Analog {
             self.error(format!("ADC1: {pin} is converted, but it is not analog"));
             return 0.0;
         }
-        self.outside.volts[usize::from(pin.port)][usize::from(pin.number)]
+        self.external.volts[usize::from(pin.port)][usize::from(pin.number)]
     }
 
-    /// Voltage that a DAC channel (0 or 1) puts on its pin; none if the pin floats.
+    /// Voltage of a DAC channel (0 or 1) at its pin; none if the pin floats.
     pub fn dac_volts(&self, channel: usize) -> Option<f64> {
         let connected = self.gpio.mode(gpio::DAC_PINS[channel]) == Mode::Analog;
         self.dac.volts(channel).filter(|_| connected)
     }
 
-    fn note_dac(&mut self) {
+    fn record_dac(&mut self) {
         for channel in 0..2 {
             let volts = self.dac_volts(channel);
             if volts != self.dac_seen[channel] {
@@ -359,19 +359,19 @@ impl Soc {
         }
     }
 
-    /// Level that the chip drives a pin to; none if it does not.
+    /// Level that the chip drives a pin to; none if it does not drive the pin.
     pub fn output(&self, pin: Pin) -> Option<bool> {
         self.gpio.output(pin)
     }
 
-    /// Turns the encoder to `position` edges. A timer counts only if its inputs are A and B.
+    /// Moves the encoder to `position`, in edges. A timer counts only if its inputs are A and B.
     pub fn set_encoder(&mut self, position: i64) {
         let delta = position - self.encoder;
         self.encoder = position;
         let [a, b] = self.encoder_pins;
         let phase = position.rem_euclid(4);
         for (pin, high) in [(a, phase == 1 || phase == 2), (b, phase >= 2)] {
-            self.outside.levels[usize::from(pin.port)][usize::from(pin.number)] = Some(high);
+            self.external.levels[usize::from(pin.port)][usize::from(pin.number)] = Some(high);
         }
         for timer in 2..=5 {
             let edges = match self.gpio.timer_inputs(timer) {
@@ -384,7 +384,7 @@ impl Soc {
         self.update_lines();
     }
 
-    /// Interrupt lines of all peripherals into the NVIC.
+    /// Sets the interrupt lines of all peripherals at the NVIC.
     fn update_lines(&mut self) {
         let mut lines = 0u128;
         let mut set = |irq: u32, high: bool| lines |= u128::from(high) << irq;
@@ -404,7 +404,7 @@ impl Soc {
 
     // ---- DMA -----------------------------------------------------------------------------------
 
-    /// The first request of a peripheral that a stream listens to.
+    /// The first request of a peripheral that a stream serves.
     fn request(&self) -> Option<(usize, usize, u32)> {
         let served = |wanted: bool, line: (usize, usize, u32)| {
             let (controller, stream, channel) = line;
@@ -417,12 +417,12 @@ impl Soc {
             .or_else(|| served(self.usart.wants_tx_dma(), USART2_TX_DMA))
     }
 
-    /// Whether there is an item to move.
-    pub fn is_asked_for_transfer(&self) -> bool {
+    /// Whether a transfer is pending.
+    pub fn is_transfer_pending(&self) -> bool {
         self.request().is_some()
     }
 
-    /// The next item to move, if there is one; the caller moves it.
+    /// The next pending transfer, which the caller executes.
     pub fn next_transfer(&mut self) -> Option<(usize, usize, Transfer)> {
         let (controller, stream, channel) = self.request()?;
         let transfer = self.dma[controller].request(stream, channel)?;
@@ -433,7 +433,7 @@ impl Soc {
         Some((controller, stream, transfer))
     }
 
-    /// A transfer went to an address where nothing is.
+    /// Handles a transfer with an unmapped address.
     pub fn transfer_failed(&mut self, controller: usize, stream: usize, transfer: Transfer) {
         self.dma[controller].failed(stream);
         self.error(format!(
@@ -445,21 +445,21 @@ impl Soc {
 
     // ---- registers -----------------------------------------------------------------------------
 
-    /// The block at `address` if it exists and has its clock; else the mistake is recorded.
-    fn reach(&mut self, address: u32, verb: &str) -> Option<Block> {
-        let Some((block, gate)) = block_at(address) else {
+    /// The peripheral at `address` if it exists and its clock is on; otherwise records an error.
+    fn reach(&mut self, address: u32, verb: &str) -> Option<Peripheral> {
+        let Some((peripheral, gate)) = peripheral_at(address) else {
             let page = address & !0x3ff;
             self.error(format!(
-                "model: nothing is modelled at {page:#010x}, {verb}"
+                "model: no peripheral is modelled at {page:#010x}, {verb}"
             ));
             return None;
         };
         if gate.is_none_or(|(bus, bit)| self.rcc.is_on(bus, bit)) {
-            return Some(block);
+            return Some(peripheral);
         }
         self.error(format!(
             "RCC: {} {verb} while its clock is off",
-            name(block)
+            name(peripheral)
         ));
         None
     }
@@ -467,25 +467,25 @@ impl Soc {
     /// Reads the word at `address` (a multiple of 4).
     pub fn read(&mut self, address: u32) -> u32 {
         self.fire_due();
-        let Some(block) = self.reach(address, "read") else {
+        let Some(peripheral) = self.reach(address, "read") else {
             return 0;
         };
         let offset = address & 0x3ff;
-        let value = match block {
-            Block::Tim(index) => self.tims[index].read(offset, self.now),
-            Block::Iwdg => self.iwdg.read(offset, self.now),
-            Block::Usart2 => self.usart.read(offset),
-            Block::Pwr => self.pwr.read(offset),
-            Block::Dac => self.dac.read(offset),
-            Block::Adc => self.adc.read(offset),
-            Block::Gpio(port) => self.gpio.read(port, offset, &self.outside),
-            Block::Rcc => self.rcc.read(offset),
-            Block::Flash => self.flash.read(offset),
-            Block::Dma(index) => self.dma[index].read(offset),
-            Block::Memory(_) => self.memory.get(&address).copied().unwrap_or(0),
+        let value = match peripheral {
+            Peripheral::Tim(index) => self.tims[index].read(offset, self.now),
+            Peripheral::Iwdg => self.iwdg.read(offset, self.now),
+            Peripheral::Usart2 => self.usart.read(offset),
+            Peripheral::Pwr => self.pwr.read(offset),
+            Peripheral::Dac => self.dac.read(offset),
+            Peripheral::Adc => self.adc.read(offset),
+            Peripheral::Gpio(port) => self.gpio.read(port, offset, &self.external),
+            Peripheral::Rcc => self.rcc.read(offset),
+            Peripheral::Flash => self.flash.read(offset),
+            Peripheral::Dma(index) => self.dma[index].read(offset),
+            Peripheral::Memory(_) => self.memory.get(&address).copied().unwrap_or(0),
         };
-        // only these two change by being read
-        if matches!(block, Block::Usart2 | Block::Adc) {
+        // only reads of these two have side effects
+        if matches!(peripheral, Peripheral::Usart2 | Peripheral::Adc) {
             self.update_lines();
         }
         value
@@ -494,32 +494,38 @@ impl Soc {
     /// Writes the word at `address` (a multiple of 4).
     pub fn write(&mut self, address: u32, value: u32) {
         self.fire_due();
-        let Some(block) = self.reach(address, "written") else {
+        let Some(peripheral) = self.reach(address, "written") else {
             return;
         };
         let offset = address & 0x3ff;
-        match block {
-            Block::Tim(index) => {
+        match peripheral {
+            Peripheral::Tim(index) => {
                 let pulses = self.with(|soc, cx| soc.tims[index].write(offset, value, cx));
-                self.spread(index, pulses);
+                self.forward(index, pulses);
             }
-            Block::Iwdg => self.iwdg.write(offset, value, self.now),
-            Block::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
-            Block::Pwr => self.pwr.write(offset, value),
-            Block::Dac => self.with(|soc, cx| soc.dac.write(offset, value, cx)),
-            Block::Adc => self.with(|soc, cx| soc.adc.write(offset, value, cx)),
-            Block::Gpio(port) => self.gpio.write(port, offset, value),
-            Block::Rcc => self.write_rcc(offset, value),
-            Block::Flash => self.with(|soc, cx| soc.flash.write(offset, value, cx)),
-            Block::Dma(index) => self.with(|soc, cx| soc.dma[index].write(offset, value, cx)),
-            Block::Memory(_) => {
+            Peripheral::Iwdg => self.iwdg.write(offset, value, self.now),
+            Peripheral::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
+            Peripheral::Pwr => self.pwr.write(offset, value),
+            Peripheral::Dac => self.with(|soc, cx| soc.dac.write(offset, value, cx)),
+            Peripheral::Adc => self.with(|soc, cx| soc.adc.write(offset, value, cx)),
+            Peripheral::Gpio(port) => self.gpio.write(port, offset, value),
+            Peripheral::Rcc => self.write_rcc(offset, value),
+            Peripheral::Flash => self.with(|soc, cx| soc.flash.write(offset, value, cx)),
+            Peripheral::Dma(index) => self.with(|soc, cx| soc.dma[index].write(offset, value, cx)),
+            Peripheral::Memory(_) => {
                 self.memory.insert(address, value);
             }
         }
-        if matches!(block, Block::Dac | Block::Gpio(_) | Block::Rcc) {
-            self.note_dac();
+        if matches!(
+            peripheral,
+            Peripheral::Dac | Peripheral::Gpio(_) | Peripheral::Rcc
+        ) {
+            self.record_dac();
         }
-        if matches!(block, Block::Rcc | Block::Pwr | Block::Flash) {
+        if matches!(
+            peripheral,
+            Peripheral::Rcc | Peripheral::Pwr | Peripheral::Flash
+        ) {
             self.check_clock();
         }
         self.update_lines();
@@ -553,7 +559,7 @@ impl Soc {
         }
     }
 
-    /// A store to the flash's addresses.
+    /// Handles a store to the flash.
     pub fn program(&mut self, address: u32, size: usize, value: u64) {
         self.with(|soc, cx| soc.flash.program(address, size, value, cx));
     }
@@ -568,7 +574,7 @@ impl Soc {
                 0x010..=0x01f => self.systick.read(low, self.now),
                 0x100..=0x4ff | 0xd18..=0xd23 => self.nvic.read(low),
                 0xd04 => self.nvic.icsr(),
-                // eight regions of the memory protection unit
+                // MPU_TYPE: eight regions
                 0xd90 => 0x800,
                 _ => match self.scb.read(low) {
                     Some(value) => value,
@@ -661,12 +667,12 @@ mod tests {
     }
 
     #[test]
-    fn addresses_without_a_model_are_named() {
+    fn accesses_to_addresses_without_a_model_are_reported() {
         let mut soc = soc(&[]);
         soc.read(0x4000_5400);
         assert_eq!(
             texts(&soc),
-            ["model: nothing is modelled at 0x40005400, read"]
+            ["model: no peripheral is modelled at 0x40005400, read"]
         );
     }
 
@@ -709,7 +715,7 @@ mod tests {
     }
 
     #[test]
-    fn timer_update_starts_the_adc_and_the_dma_empties_it() {
+    fn timer_update_starts_the_adc_and_the_dma_reads_it() {
         let mut soc = soc(&[
             (RCC + 0x30, 1 << 22 | 1 << 2),
             (RCC + 0x40, 1),
@@ -735,24 +741,24 @@ mod tests {
             (0x4001_2008, 1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1),
             (0x4000_0000, 1),
         ]);
-        soc.outside.volts[2][0] = 1.65;
-        soc.outside.volts[2][1] = 3.3;
-        let mut moved = vec![];
-        while moved.len() < 4 {
+        soc.external.volts[2][0] = 1.65;
+        soc.external.volts[2][1] = 3.3;
+        let mut transfers = vec![];
+        while transfers.len() < 4 {
             soc.now = soc.next_event();
             soc.fire_due();
             while let Some((_, _, transfer)) = soc.next_transfer() {
-                moved.push((transfer.to, soc.read(transfer.from)));
+                transfers.push((transfer.to, soc.read(transfer.from)));
             }
         }
         let both = [(0x2000_0000, 2048), (0x2000_0002, 4095)];
-        assert_eq!(moved, [both, both].concat());
+        assert_eq!(transfers, [both, both].concat());
         assert!(soc.now > from_ns(20_000_000) && soc.now < from_ns(20_100_000));
         assert_eq!(texts(&soc), Vec::<&str>::new());
     }
 
     #[test]
-    fn reset_keeps_time_and_what_is_outside() {
+    fn reset_keeps_time_and_external_signals() {
         let mut soc = soc(&[(RCC + 0x30, 1)]);
         soc.now = 1000;
         soc.set_encoder(7);
@@ -763,7 +769,7 @@ mod tests {
     }
 
     #[test]
-    fn cycle_counter_needs_trace() {
+    fn cycle_counter_counts_only_with_trace_enabled() {
         let mut soc = soc(&[]);
         soc.write_private(0xe000_edfc, 1 << 24, 4);
         soc.write_private(0xe000_1000, 1, 4);

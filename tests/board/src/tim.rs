@@ -1,5 +1,5 @@
 //! TIM2 to TIM7: up-counting with prescaler, compare events, encoder mode, trigger output
-//! (RM0390 chapters 17 and 19). Times are exact: a count is never rounded.
+//! (RM0390 chapters 17 and 19). Times are exact, without rounding.
 
 use crate::errors::Context;
 use crate::time::{NEVER, Time};
@@ -12,7 +12,7 @@ const DIR: u32 = 0x10;
 const ARPE: u32 = 0x80;
 const UIF: u32 = 1;
 
-/// What a timer told the rest of the chip at one moment.
+/// Output edges of a timer at one time.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Debug)]
 pub struct Pulses {
     /// An edge on the trigger output.
@@ -36,10 +36,10 @@ pub struct Tim {
     ccr: [u32; 4],
     psc: u32,
     arr: u32,
-    /// The values in force, as loaded by the last update.
+    /// The values in force, loaded by the last update event.
     psc_now: u32,
     arr_now: u32,
-    /// The count at `since`; the time after it is a fraction of a count, or counts.
+    /// The count at the time `since`.
     count: u32,
     since: Time,
     update_at: Time,
@@ -47,7 +47,7 @@ pub struct Tim {
 }
 
 impl Tim {
-    /// Timer `number` (2 to 7) as after a reset.
+    /// Timer `number` (2 to 7) in the state after a reset.
     pub fn new(number: usize, clock: Time) -> Tim {
         let mut tim = Tim {
             number,
@@ -74,7 +74,7 @@ impl Tim {
         tim
     }
 
-    /// TIM2 and TIM5 are 32 bits wide.
+    /// Maximum count: TIM2 and TIM5 are 32 bits wide, the others 16.
     fn mask(&self) -> u32 {
         if matches!(self.number, 2 | 5) {
             u32::MAX
@@ -99,7 +99,7 @@ impl Tim {
         self.clock * (Time::from(self.psc_now) + 1)
     }
 
-    /// Counts in a period that starts where the counter is; beyond ARR it wraps at full width.
+    /// Counts until the counter wraps: at ARR, or at its full width if it is above ARR.
     fn to_wrap(&self) -> u64 {
         let top = if self.count > self.arr_now {
             self.mask()
@@ -116,11 +116,11 @@ impl Tim {
         } else {
             0
         };
-        // an update that is due is fired before anybody reads, so there is no wrap here
+        // a due update event has been executed before, so that the count does not wrap here
         self.count.wrapping_add(steps as u32) & self.mask()
     }
 
-    /// Takes over a new clock.
+    /// Sets the clock.
     pub fn set_clock(&mut self, now: Time, clock: Time) {
         self.rebase(now);
         self.clock = clock;
@@ -128,7 +128,7 @@ impl Tim {
         self.plan();
     }
 
-    /// Moves the base to `now`, keeping the fraction of a count that has passed.
+    /// Moves `since` to the last count before `now`.
     fn rebase(&mut self, now: Time) {
         let count = self.counter(now);
         self.since = if self.runs() {
@@ -154,7 +154,7 @@ impl Tim {
         }
     }
 
-    /// Whether anything depends on a compare event of `channel`.
+    /// Whether a compare event of `channel` has an effect.
     fn watches(&self, channel: usize) -> bool {
         let used_as_trgo = match self.cr2 >> 4 & 7 {
             3 => channel == 0,
@@ -163,7 +163,7 @@ impl Tim {
         self.dier >> (1 + channel) & 1 != 0 || self.ccer >> (4 * channel) & 1 != 0 || used_as_trgo
     }
 
-    /// When something happens next.
+    /// Time of the next event.
     pub fn next(&self) -> Time {
         self.compare_at
             .iter()
@@ -175,7 +175,7 @@ impl Tim {
         self.sr & self.dier & 0x1f != 0
     }
 
-    /// Lets happen what is due.
+    /// Executes the events that are due.
     pub fn fire(&mut self, now: Time) -> Pulses {
         let mut pulses = Pulses::default();
         for channel in 0..4 {
@@ -195,7 +195,7 @@ impl Tim {
         pulses
     }
 
-    /// PWM mode 1 has its output active up to the match, so its edge is the update's.
+    /// Whether the output rises at the update event: in PWM mode 1 it is active until the match.
     fn rises_at_update(&self, channel: usize) -> bool {
         self.ccmr[channel / 2] >> (8 * (channel % 2) + 4) & 7 == 6
     }
@@ -216,7 +216,7 @@ impl Tim {
         pulses.trgo |= mms >= 4 && mms as usize - 4 == channel;
     }
 
-    /// An update event, by overflow or by UG.
+    /// Executes an update event, caused by overflow or by UG.
     fn update(&mut self, overflow: bool, pulses: &mut Pulses) {
         if self.cr1 & UDIS == 0 {
             self.psc_now = self.psc;
@@ -247,7 +247,7 @@ impl Tim {
         if self.cr1 & CEN == 0 || !self.is_encoder() || delta == 0 {
             return;
         }
-        // both inputs count in mode 3, else only one: every other edge
+        // in mode 3 edges of both inputs count, else every other edge
         let counts = if self.smcr & 7 == 3 { delta } else { delta / 2 };
         let inverted = (self.ccer >> 1 & 1) ^ (self.ccer >> 5 & 1) != 0;
         let counts = if inverted { -counts } else { counts };
@@ -260,7 +260,7 @@ impl Tim {
         }
     }
 
-    /// A register.
+    /// Reads a register.
     pub fn read(&self, offset: u32, now: Time) -> u32 {
         match offset {
             0x00 => self.cr1,
@@ -316,7 +316,7 @@ impl Tim {
         pulses
     }
 
-    /// Names what this model leaves out.
+    /// Reports the use of what is not modelled.
     fn check(&self, cx: &mut Context) {
         let number = self.number;
         if self.cr1 & (0x60 | DIR) != 0 && !self.is_encoder() {
@@ -324,11 +324,11 @@ impl Tim {
         }
         if self.smcr & 7 > 3 || self.smcr & 1 << 14 != 0 {
             cx.error(format!(
-                "model: TIM{number} has no slave mode but the encoder's"
+                "model: TIM{number} has no slave mode except encoder mode"
             ));
         }
         if self.dier & 0x7f00 != 0 {
-            cx.error(format!("model: TIM{number} makes no DMA requests"));
+            cx.error(format!("model: TIM{number} has no DMA requests"));
         }
     }
 }
@@ -336,25 +336,29 @@ impl Tim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     const CLOCK: Time = 560;
 
     fn timer(number: usize, writes: &[(u32, u32)]) -> Tim {
         let (mut tim, mut errors) = (Tim::new(number, CLOCK), Errors::default());
         for (offset, value) in writes {
-            tim.write(*offset, *value, &mut quiet(&mut errors, 0));
+            tim.write(*offset, *value, &mut test_context(&mut errors, 0));
         }
         assert!(errors.list.is_empty(), "{:?}", errors.list);
         tim
     }
 
-    fn put(tim: &mut Tim, now: Time, offset: u32, value: u32) -> Pulses {
-        tim.write(offset, value, &mut quiet(&mut Errors::default(), now))
+    fn write(tim: &mut Tim, now: Time, offset: u32, value: u32) -> Pulses {
+        tim.write(
+            offset,
+            value,
+            &mut test_context(&mut Errors::default(), now),
+        )
     }
 
     #[test]
-    fn update_comes_every_period_whatever_is_written_in_between() {
+    fn writes_do_not_shift_the_update_events() {
         // 90 MHz / 9 / 100 000 = 100 Hz
         let mut tim = timer(
             2,
@@ -365,13 +369,13 @@ mod tests {
             assert_eq!(tim.next(), n * period);
             tim.fire(n * period);
             assert_eq!(tim.read(0x10, n * period), UIF);
-            put(&mut tim, n * period + 12_345 * n, 0x10, 0);
-            put(&mut tim, n * period + 77_777 * n, 0x0c, 1);
+            write(&mut tim, n * period + 12_345 * n, 0x10, 0);
+            write(&mut tim, n * period + 77_777 * n, 0x0c, 1);
         }
     }
 
     #[test]
-    fn prescaler_waits_for_the_update() {
+    fn prescaler_takes_effect_at_the_update() {
         let mut tim = timer(3, &[(0x2c, 9), (0x00, CEN), (0x28, 1)]);
         assert_eq!(tim.next(), 10 * CLOCK);
         tim.fire(10 * CLOCK);
@@ -380,23 +384,23 @@ mod tests {
     }
 
     #[test]
-    fn urs_keeps_ug_from_raising_the_flag() {
+    fn urs_prevents_the_update_flag_on_ug() {
         let mut tim = timer(3, &[(0x00, URS), (0x14, 1)]);
         assert_eq!(tim.read(0x10, 0), 0);
-        put(&mut tim, 0, 0x00, 0);
-        put(&mut tim, 0, 0x14, 1);
+        write(&mut tim, 0, 0x00, 0);
+        write(&mut tim, 0, 0x14, 1);
         assert_eq!(tim.read(0x10, 0), UIF);
     }
 
     #[test]
-    fn one_pulse_stops() {
+    fn one_pulse_mode_stops_at_the_update() {
         let mut tim = timer(6, &[(0x2c, 4), (0x00, CEN | OPM)]);
         tim.fire(5 * CLOCK);
         assert_eq!((tim.next(), tim.read(0, 5 * CLOCK) & CEN), (NEVER, 0));
     }
 
     #[test]
-    fn compare_matches_once_a_period() {
+    fn compare_matches_once_per_period() {
         let mut tim = timer(2, &[(0x2c, 9), (0x38, 4), (0x20, 0x10), (0x00, CEN)]);
         assert_eq!(tim.next(), 4 * CLOCK);
         assert_eq!(tim.fire(4 * CLOCK).compare, 0b10);
@@ -406,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn update_is_the_trigger_output_when_asked_for() {
+    fn update_is_the_trigger_output_if_selected() {
         let mut tim = timer(3, &[(0x04, 2 << 4), (0x2c, 9), (0x00, CEN)]);
         assert!(tim.fire(10 * CLOCK).trgo);
         let mut tim = timer(3, &[(0x2c, 9), (0x00, CEN)]);
@@ -414,14 +418,14 @@ mod tests {
     }
 
     #[test]
-    fn encoder_wraps_both_ways_and_follows_polarity() {
+    fn encoder_wraps_in_both_directions_and_obeys_polarity() {
         let mut tim = timer(3, &[(0x08, 3), (0x00, CEN)]);
         tim.encoder_edges(-1);
         assert_eq!(tim.counter(0), 0xffff);
         assert_ne!(tim.read(0, 0) & DIR, 0);
         tim.encoder_edges(0x1_0002);
         assert_eq!(tim.counter(0), 1);
-        put(&mut tim, 0, 0x20, 2);
+        write(&mut tim, 0, 0x20, 2);
         tim.encoder_edges(5);
         assert_eq!(tim.counter(0), 0xfffc);
         let mut wide = timer(5, &[(0x08, 3), (0x00, CEN)]);

@@ -1,4 +1,4 @@
-//! USART2: bytes at the speed the clock gives, receiver and transmitter, DMA requests
+//! USART2: receiver and transmitter with exact byte times, DMA requests
 //! (RM0390 chapter 25).
 
 use crate::errors::Context;
@@ -16,27 +16,27 @@ const TE: u32 = 1 << 3;
 const UE: u32 = 1 << 13;
 const DMAR: u32 = 1 << 6;
 const DMAT: u32 = 1 << 7;
-/// A receiver that samples in the middle of each bit stands this much difference.
+/// Baud rate difference that a receiver tolerates if it samples in the middle of each bit.
 const BAUD_TOLERANCE: f64 = 0.045;
 
-/// A byte on the line, and when its last stop bit ended.
+/// A byte on the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub struct TimedByte {
-    /// End of the byte.
+    /// End of its stop bit.
     pub at: Time,
     /// Its value.
     pub byte: u8,
 }
 
-/// The other end of the line: what a PC behind the ST-LINK does.
+/// The other end of the line: the PC, through the ST-LINK.
 pub struct Host {
-    /// Its speed \[bit/s\].
+    /// Baud rate \[bit/s\].
     pub baud: u32,
-    /// Bytes on their way to the board.
+    /// Bytes sent to the board that have not arrived.
     to_board: VecDeque<u8>,
-    /// When the first of them has arrived.
+    /// Arrival time of the first of them.
     arrives_at: Time,
-    /// Bytes that came from the board.
+    /// Bytes received from the board.
     pub received: Vec<TimedByte>,
 }
 
@@ -56,7 +56,7 @@ impl Host {
         UNITS_PER_S * 10 / u64::from(self.baud)
     }
 
-    /// Sends bytes one after the other, behind those still on their way.
+    /// Sends bytes after those that have not arrived yet.
     pub fn send(&mut self, bytes: &[u8], now: Time) {
         if self.to_board.is_empty() && !bytes.is_empty() {
             self.arrives_at = now + self.byte_time();
@@ -64,7 +64,7 @@ impl Host {
         self.to_board.extend(bytes);
     }
 
-    /// Bytes that have not arrived yet.
+    /// Count of the bytes that have not arrived yet.
     pub fn unsent(&self) -> usize {
         self.to_board.len()
     }
@@ -96,7 +96,7 @@ pub struct Usart {
 }
 
 impl Usart {
-    /// As after a reset.
+    /// The state after a reset.
     pub fn new(pclk1: Time) -> Usart {
         Usart {
             sr: TXE | TC,
@@ -112,12 +112,12 @@ impl Usart {
         }
     }
 
-    /// Takes over a new clock of the bus, from the next byte on.
+    /// Sets the clock of the bus, which applies from the next byte.
     pub fn set_clock(&mut self, pclk1: Time) {
         self.pclk1 = pclk1;
     }
 
-    /// Duration of a bit: BRR clocks, whichever oversampling it is written for.
+    /// Duration of a bit: BRR clocks, for either oversampling.
     fn bit_time(&self) -> Time {
         let over8 = self.cr[0] & 1 << 15 != 0;
         let clocks = if over8 {
@@ -134,7 +134,7 @@ impl Usart {
         self.bit_time() * (1 + data + stop)
     }
 
-    /// Speed in bit/s; 0 if none is set.
+    /// Baud rate \[bit/s\]; 0 if none is set.
     pub fn baud(&self) -> u64 {
         UNITS_PER_S.checked_div(self.bit_time()).unwrap_or(0)
     }
@@ -143,7 +143,7 @@ impl Usart {
         (self.baud() as f64 / f64::from(host.baud) - 1.0).abs() < BAUD_TOLERANCE
     }
 
-    /// When something happens next.
+    /// Time of the next event.
     pub fn next(&self, host: &Host) -> Time {
         let shifted = self.shift.map_or(NEVER, |(_, at)| at);
         shifted.min(self.idle_at).min(host.arrives_at)
@@ -157,17 +157,17 @@ impl Usart {
             || self.sr & (FE | ORE) != 0 && self.cr[2] & 1 != 0 && self.cr[2] & DMAR != 0
     }
 
-    /// The receiver has a byte for the DMA.
+    /// Whether the receiver has a byte for the DMA.
     pub fn wants_rx_dma(&self) -> bool {
         self.cr[2] & DMAR != 0 && self.sr & RXNE != 0
     }
 
-    /// The transmitter wants a byte from the DMA.
+    /// Whether the transmitter requests a byte from the DMA.
     pub fn wants_tx_dma(&self) -> bool {
         self.cr[2] & DMAT != 0 && self.sr & TXE != 0 && self.cr[0] & (UE | TE) == UE | TE
     }
 
-    /// Lets happen what is due; `wired` says whether the pins (TX, RX) belong to this USART.
+    /// Executes the events that are due; `wired` is whether TX and RX are connected to their pins.
     pub fn fire(&mut self, host: &mut Host, wired: (bool, bool), cx: &mut Context) {
         if let Some((byte, at)) = self.shift.filter(|(_, at)| *at <= cx.now) {
             self.deliver(host, TimedByte { at, byte }, wired.0, cx);
@@ -190,12 +190,12 @@ impl Usart {
 
     fn deliver(&self, host: &mut Host, timed: TimedByte, wired: bool, cx: &mut Context) {
         if !wired {
-            return cx.error("USART2: a byte is sent, but PA2 is not its TX (AF7)");
+            return cx.error("USART2: a byte is sent, but PA2 is not configured as TX (AF7)");
         }
         if !self.fits(host) {
             let (ours, theirs) = (self.baud(), host.baud);
             return cx.error(format!(
-                "USART2: sends at {ours} baud, the PC listens at {theirs}"
+                "USART2: sends at {ours} baud, the PC receives at {theirs}"
             ));
         }
         host.received.push(timed);
@@ -206,7 +206,7 @@ impl Usart {
             return;
         }
         if !wired {
-            return cx.error("USART2: a byte comes, but PA3 is not its RX (AF7)");
+            return cx.error("USART2: a byte arrives, but PA3 is not configured as RX (AF7)");
         }
         self.idle_at = if host.to_board.is_empty() {
             timed.at + self.byte_time()
@@ -224,12 +224,12 @@ impl Usart {
             self.sr |= FE;
             let (ours, theirs) = (self.baud(), host.baud);
             cx.error(format!(
-                "USART2: listens at {ours} baud, the PC sends at {theirs}"
+                "USART2: receives at {ours} baud, the PC sends at {theirs}"
             ));
         }
     }
 
-    /// A register; reading SR and then DR clears the error flags and IDLE.
+    /// Reads a register; reading SR and then DR clears the error flags and IDLE.
     pub fn read(&mut self, offset: u32) -> u32 {
         match offset {
             0x00 => {
@@ -287,7 +287,7 @@ impl Usart {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::errors::{Errors, quiet};
+    use crate::errors::{Errors, test_context};
 
     /// One clock of 45 MHz.
     const PCLK1: Time = 1120;
@@ -297,7 +297,7 @@ mod tests {
     fn usart() -> (Usart, Host, Errors) {
         let (mut usart, mut errors) = (Usart::new(PCLK1), Errors::default());
         for (offset, value) in [(0x08, BRR), (0x0c, UE | TE | RE)] {
-            usart.write(offset, value, &mut quiet(&mut errors, 0));
+            usart.write(offset, value, &mut test_context(&mut errors, 0));
         }
         (usart, Host::default(), errors)
     }
@@ -305,15 +305,15 @@ mod tests {
     fn run(usart: &mut Usart, host: &mut Host, errors: &mut Errors, until: Time) {
         while usart.next(host) <= until {
             let now = usart.next(host);
-            usart.fire(host, (true, true), &mut quiet(errors, now));
+            usart.fire(host, (true, true), &mut test_context(errors, now));
         }
     }
 
     #[test]
-    fn sends_at_the_speed_of_brr() {
+    fn brr_sets_the_baud_rate() {
         let (mut usart, mut host, mut errors) = usart();
         for byte in [1, 2] {
-            usart.write(4, byte, &mut quiet(&mut errors, 0));
+            usart.write(4, byte, &mut test_context(&mut errors, 0));
         }
         assert_eq!(usart.read(0) & (TXE | TC), 0);
         run(&mut usart, &mut host, &mut errors, UNITS_PER_S);
@@ -326,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn receives_then_sees_the_idle_line() {
+    fn idle_line_is_detected_after_a_byte() {
         let (mut usart, mut host, mut errors) = usart();
         host.send(b"a", 0);
         run(&mut usart, &mut host, &mut errors, UNITS_PER_S);
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn byte_not_taken_is_an_overrun() {
+    fn byte_that_was_not_read_causes_an_overrun() {
         let (mut usart, mut host, mut errors) = usart();
         host.send(b"ab", 0);
         run(&mut usart, &mut host, &mut errors, UNITS_PER_S);
@@ -345,27 +345,27 @@ mod tests {
     }
 
     #[test]
-    fn wrong_speed_and_wrong_pin_are_seen() {
+    fn wrong_baud_rate_and_wrong_pin_are_reported() {
         let (mut usart, mut host, mut errors) = usart();
         host.baud = 9600;
-        usart.write(4, 1, &mut quiet(&mut errors, 0));
+        usart.write(4, 1, &mut test_context(&mut errors, 0));
         run(&mut usart, &mut host, &mut errors, UNITS_PER_S);
         assert_eq!((host.received.len(), errors.list.len()), (0, 1));
         host.baud = 115_200;
-        usart.write(4, 1, &mut quiet(&mut errors, 0));
+        usart.write(4, 1, &mut test_context(&mut errors, 0));
         usart.fire(
             &mut host,
             (false, true),
-            &mut quiet(&mut errors, UNITS_PER_S),
+            &mut test_context(&mut errors, UNITS_PER_S),
         );
         assert_eq!((host.received.len(), errors.list.len()), (0, 2));
     }
 
     #[test]
-    fn dma_is_asked_for_only_when_set_up() {
+    fn dma_is_requested_only_if_enabled() {
         let (mut usart, mut host, mut errors) = usart();
         assert!(!usart.wants_tx_dma());
-        usart.write(0x14, DMAT | DMAR, &mut quiet(&mut errors, 0));
+        usart.write(0x14, DMAT | DMAR, &mut test_context(&mut errors, 0));
         assert!(usart.wants_tx_dma() && !usart.wants_rx_dma());
         host.send(b"a", 0);
         run(&mut usart, &mut host, &mut errors, UNITS_PER_S);

@@ -1,21 +1,21 @@
-//! Seeded inputs of every kind through model-core, and a checksum of all bits that come out: the
-//! same on every machine, or its arithmetic is not.
+//! Seeded inputs of all kinds for model-core, and checksums of all output bits, which must be equal
+//! on every machine.
 
 use model_core::assist::{Assist, reference_force_n};
 use model_core::controller::Controller;
 use model_core::io::{Output, Request, Sensors};
 use model_core::muscle::{Muscle, Volume};
+use model_core::number::Number;
 use model_core::pressure::{AbsolutePa, GaugePa};
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, AdcScale, DacCount, EncoderCount, ValveDrive};
 use model_core::valve::mass_flow_kg_per_s;
-use num_traits::float::FloatCore;
 
-/// A part's name and its checksum.
+/// Name of a part of the battery, and the function that computes its checksum.
 pub type Part = (&'static str, fn() -> u64);
 
-/// All parts.
+/// The parts of the battery.
 pub const PARTS: &[Part] = &[
     ("controller", controller),
     ("equations in f32", || equations(f32_any, f32_bits)),
@@ -27,7 +27,7 @@ const DRAWS: u32 = 20_000;
 const RUNS: u64 = 50;
 const RUN_TICKS: u32 = 2_000;
 
-/// Numbers without a pattern: PCG-XSH-RR, as it stands in its paper.
+/// Pseudo-random numbers: PCG-XSH-RR as published.
 struct Random(u64);
 
 impl Random {
@@ -49,7 +49,7 @@ impl Random {
     }
 }
 
-/// FNV-1a, word by word.
+/// FNV-1a over words.
 struct Checksum(u64);
 
 impl Checksum {
@@ -62,7 +62,8 @@ impl Checksum {
     }
 }
 
-/// IEEE 754 leaves a NaN's sign and payload open, and the two machines differ there.
+/// The bits of a value. IEEE 754 does not define sign and payload of a NaN, and the machines differ
+/// in them: every NaN gives the same bits.
 fn f32_bits(value: f32) -> u64 {
     u64::from(if value.is_nan() { f32::NAN } else { value }.to_bits())
 }
@@ -71,7 +72,7 @@ fn f64_bits(value: f64) -> u64 {
     if value.is_nan() { f64::NAN } else { value }.to_bits()
 }
 
-/// Any bits, and often one of those that arithmetic treats apart.
+/// Arbitrary bits, often those of a special value.
 fn f32_any(random: &mut Random) -> f32 {
     const SPECIAL: [f32; 12] = [
         0.0,
@@ -91,7 +92,7 @@ fn f32_any(random: &mut Random) -> f32 {
     match random.below(4) {
         0 => SPECIAL[random.below(12) as usize],
         1 => f32::from_bits(random.next()),
-        // The size of what occurs: 1e-6 to 1e6.
+        // The usual magnitudes: 1e-6 to 1e6.
         _ => {
             let exponent = 107 + random.below(40);
             f32::from_bits((random.next() & 0x807F_FFFF) | exponent << 23)
@@ -103,13 +104,13 @@ fn f64_any(random: &mut Random) -> f64 {
     match random.below(4) {
         0 => f32_any(random).into(),
         1 => f64::from_bits(u64::from(random.next()) << 32 | u64::from(random.next())),
-        // All digits.
-        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) * 2.0_f64.powi(-40)),
+        // All bits of the mantissa.
+        _ => f64::from(f32_any(random)) * (1.0 + f64::from(random.next()) / (1_u64 << 40) as f64),
     }
 }
 
-/// Eqs 1, 2, 6–9 and what is derived of them.
-fn equations<T: FloatCore>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
+/// Eqs 1, 2, 6–9 and quantities derived from them.
+fn equations<T: Number>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64 {
     let (mut random, mut checksum) = (Random::new(2), Checksum::new());
     for _ in 0..DRAWS {
         let mut next = || any(&mut random);
@@ -153,7 +154,7 @@ fn equations<T: FloatCore>(any: fn(&mut Random) -> T, bits: fn(T) -> u64) -> u64
     checksum.0
 }
 
-/// Counts to quantities and back, whatever the scales.
+/// Conversion of counts to quantities and back with arbitrary scales.
 fn converters() -> u64 {
     let (mut random, mut checksum) = (Random::new(3), Checksum::new());
     for _ in 0..DRAWS {
@@ -178,7 +179,7 @@ fn converters() -> u64 {
     checksum.0
 }
 
-/// The controller with many settings, through each of its modes.
+/// The controller with different settings, in all of its modes.
 fn controller() -> u64 {
     let mut checksum = Checksum::new();
     run_controllers(|output| {
@@ -191,7 +192,7 @@ fn controller() -> u64 {
             output.contraction,
             output.pressure.0,
         ];
-        // None is a NaN, or the checksum tells.
+        // None of them may be a NaN, which would change the checksum.
         for value in floats {
             checksum.add(value.to_bits().into());
         }
@@ -199,7 +200,7 @@ fn controller() -> u64 {
     checksum.0
 }
 
-/// Runs them, and shows each tick's output.
+/// Runs the controllers, and passes the output of each tick to `each`.
 pub fn run_controllers(mut each: impl FnMut(&Output)) {
     for run in 0..RUNS {
         let mut controller = Controller::new(any_settings(&mut Random::new(run)));
@@ -210,7 +211,7 @@ pub fn run_controllers(mut each: impl FnMut(&Output)) {
     }
 }
 
-/// The reference, each of its scales, gains and rates up to 5 % off.
+/// The reference settings with scales, gains and rates changed by up to 5 %.
 fn any_settings(random: &mut Random) -> Settings {
     let mut values = SettingsValues::reference();
     let floats = [
@@ -238,26 +239,26 @@ fn any_settings(random: &mut Random) -> Settings {
     }
 }
 
-/// What a controller reads: at rest for the self-check, then up and down, with what a person asks
-/// for and what can break.
+/// Inputs of a controller: at rest for the self-check, then up and down, with requests and sensor
+/// faults.
 pub struct Readings {
     random: Random,
     tick: u32,
-    /// What is broken, what it reads, and for how many ticks.
-    broken: (u32, u32, u32),
+    /// The faulty input, its value, and the remaining ticks of the fault.
+    fault: (u32, u32, u32),
 }
 
 impl Readings {
-    /// Readings of their own kind for each `seed`.
+    /// The readings of a seed.
     pub fn new(seed: u64) -> Readings {
         Readings {
             random: Random::new(seed),
             tick: 0,
-            broken: (0, 0, 0),
+            fault: (0, 0, 0),
         }
     }
 
-    /// The next tick's.
+    /// The readings of the next tick.
     pub fn next(&mut self) -> Sensors {
         let tick = self.tick % 1_000;
         self.tick += 1;
@@ -282,16 +283,16 @@ impl Readings {
             request,
         };
         if random.below(400) == 0 {
-            self.broken = (random.below(5), random.next(), random.below(10));
+            self.fault = (random.below(5), random.next(), random.below(10));
         }
-        let (what, reads, ticks) = &mut self.broken;
+        let (input, value, ticks) = &mut self.fault;
         if *ticks > 0 {
             *ticks -= 1;
-            match *what {
-                0 => sensors.bridge = AdcCount(*reads as u16),
-                1 => sensors.pressure = AdcCount(*reads as u16 % 4096),
-                2 => sensors.encoder = EncoderCount(*reads),
-                3 => sensors.missed_ticks = (*reads % 4) as u8,
+            match *input {
+                0 => sensors.bridge = AdcCount(*value as u16),
+                1 => sensors.pressure = AdcCount(*value as u16 % 4096),
+                2 => sensors.encoder = EncoderCount(*value),
+                3 => sensors.missed_ticks = (*value % 4) as u8,
                 _ => sensors.request = Request::Hold,
             }
         }

@@ -1,4 +1,4 @@
-//! What model-core's tests expect of std.
+//! Replacement of what the tests of model-core use of std.
 #![allow(unused_imports)]
 
 pub use alloc::string::{String, ToString};
@@ -6,10 +6,10 @@ pub use alloc::vec::Vec;
 pub use alloc::{format, vec};
 pub use num_traits::float::FloatCore;
 
-/// A test's name and the test.
+/// Name and function of a test.
 pub type Test = (&'static str, fn());
 
-/// The paths that they use.
+/// Paths in std that the tests use.
 pub mod std {
     pub use core::ops;
 }

@@ -1,12 +1,12 @@
-//! model-core, its own tests, and a battery of inputs, on a Cortex-M4F: QEMU's mps2-an386.
+//! model-core, its tests, and a battery of inputs, on a Cortex-M4F: machine mps2-an386 of QEMU.
 //!
-//! `tests/tests/cortex_m.rs` starts it on the PC, reads what it prints, and compares the battery's
-//! checksums with the PC's own. The build script says how the tests come here.
+//! `tests/tests/cortex_m.rs` starts it on the PC, reads its output, and compares the checksums of
+//! the battery with those of the PC. The build script generates `model_core.rs` with the tests.
 #![no_std]
 #![no_main]
 
 extern crate alloc;
-// So its tests call it.
+// The name by which the tests import it.
 extern crate self as model_core;
 
 mod battery;
@@ -27,19 +27,20 @@ use settings::{Settings, SettingsValues};
 static HEAP: Heap = Heap::empty();
 const HEAP_LEN: usize = 2 << 20;
 
-/// With QEMU's `-icount shift=0` an instruction takes 1 ns, a count of the 25 MHz SysTick 40.
+/// With QEMU's option `-icount shift=0` an instruction takes 1 ns, a count of the 25 MHz SysTick
+/// 40 ns.
 const INSTRUCTIONS_PER_COUNT: u32 = 40;
 const COUNTED_TICKS: u32 = 2_000;
 
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    // SAFETY: once, before anything allocates.
+    // SAFETY: called once, before the first allocation.
     #[allow(unsafe_code)]
     unsafe {
         embedded_alloc::init!(HEAP, HEAP_LEN);
     }
     for (name, test) in TESTS.iter().copied().flatten() {
-        // Before it begins: where it panics, the last line names it.
+        // Printed before the test runs: if it panics, the last line is its name.
         hprintln!("test {}", name);
         test();
     }
@@ -56,14 +57,14 @@ fn main() -> ! {
     }
 }
 
-// SAFETY: it does not return to where the fault was.
+// SAFETY: the handler does not return.
 #[allow(unsafe_code)]
 #[exception]
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     panic!("{frame:?}")
 }
 
-/// Instructions of [`Controller::tick`], the call included.
+/// Counts and prints the instructions of [`Controller::tick`], including the call.
 fn count_instructions(mut timer: SYST) {
     timer.set_clock_source(SystClkSource::Core);
     timer.set_reload(0x00FF_FFFF);

@@ -126,13 +126,13 @@ pub fn all(folder: &Path) -> Vec<Outcome> {
     outcomes
 }
 
-/// The folder of a set, or a loud line.
+/// The folder of a set; none, reported on stderr, if it is missing.
 fn set_of(folder: &Path, set: &str) -> Option<std::path::PathBuf> {
     let path = folder.join(set);
     if path.is_dir() {
         return Some(path);
     }
-    eprintln!("SKIPPED: no {set} in {}", folder.display());
+    eprintln!("{set} is left out: {} does not have it", folder.display());
     None
 }
 

@@ -23,8 +23,10 @@ fn main() -> ExitCode {
         .data
         .or_else(|| std::env::var_os("MEASURED_DATA_DIR").map(Into::into));
     let Some(folder) = named else {
-        eprintln!("SKIPPED: neither --data nor MEASURED_DATA_DIR names the measured sets");
-        return ExitCode::SUCCESS;
+        eprintln!(
+            "measured: expected the folder of the measured sets in --data or MEASURED_DATA_DIR"
+        );
+        return ExitCode::from(2);
     };
     let outcomes = measured::all(&folder);
     let report = measured::report::report(&outcomes);

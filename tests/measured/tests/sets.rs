@@ -1,18 +1,7 @@
 //! The measured sets, diagnosed: what must hold of any muscle, whatever the tool names.
 
 use measured::Outcome;
-use std::path::PathBuf;
-
-fn outcomes() -> Option<Vec<Outcome>> {
-    let folder = std::env::var_os("MEASURED_DATA_DIR").map(PathBuf::from);
-    match folder {
-        Some(folder) if folder.is_dir() => Some(measured::all(&folder)),
-        other => {
-            eprintln!("SKIPPED: no measured sets at MEASURED_DATA_DIR ({other:?})");
-            None
-        }
-    }
-}
+use std::path::Path;
 
 fn names(outcome: &Outcome) -> Vec<&str> {
     outcome
@@ -23,10 +12,10 @@ fn names(outcome: &Outcome) -> Vec<&str> {
 }
 
 #[test]
+#[ignore = "needs the measured sets at MEASURED_DATA_DIR"]
 fn what_is_named_on_real_rigs_explains_runs_that_were_held_out() {
-    let Some(outcomes) = outcomes() else {
-        return;
-    };
+    let folder = std::env::var_os("MEASURED_DATA_DIR").expect("MEASURED_DATA_DIR names the folder");
+    let outcomes = measured::all(Path::new(&folder));
     for outcome in outcomes
         .iter()
         .filter(|outcome| outcome.verdict == "explained")

@@ -9,7 +9,7 @@ use crate::diagnosis::Diagnosis;
 use crate::gap::{self, Gaps};
 use crate::shared::forms;
 use clap::ValueEnum;
-use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, RATE_HZ, experiment};
+use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, RATE_HZ, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, write_atomically};
 use hil_sim::record::PRESSURE_REF_PA;
@@ -204,7 +204,7 @@ fn part_names(parts: &[Part]) -> Vec<String> {
 fn advised(case: &Case, parts: &[Part]) -> Result<Drive, Error> {
     let rig = Rig::parse(&format!("{}/rig.toml", case.id), &case.rig_toml)?;
     let limits = Limits::of(&rig, CONTRACTION_MAX)?;
-    let written = experiment(&limits, parts).record;
+    let written = test_signal(&limits, parts).record;
     Ok(Drive {
         period_s: RATE_HZ.recip(),
         reference_pa: written.require(PRESSURE_REF_PA)?.to_vec(),

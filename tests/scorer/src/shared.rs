@@ -192,7 +192,7 @@ mod tests {
             let keys = form
                 .parameters
                 .iter()
-                .map(|own| format!("{} = {:?}\n", own.name, own.usual));
+                .map(|own| format!("{} = {:?}\n", own.name, own.typical));
             let (effect, form) = (shared.effect, shared.form);
             let head = format!("[[effect]]\nname = \"{effect}\"\nform = \"{form}\"\n");
             let text = format!("{reference}\n{head}{}", keys.collect::<String>());

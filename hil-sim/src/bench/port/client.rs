@@ -52,7 +52,11 @@ pub trait Transport {
     ///
     /// # Errors
     /// The transport has failed permanently.
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError>;
+    fn receive(
+        &mut self,
+        received: &mut Vec<u8>,
+        wait: Duration,
+    ) -> Result<Duration, TransportError>;
 
     /// Lines that the board has logged and events of the transport since the last call.
     fn take_log(&mut self) -> Vec<String> {
@@ -65,7 +69,11 @@ impl Transport for Box<dyn Transport + Send> {
         (**self).send(bytes)
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
+    fn receive(
+        &mut self,
+        received: &mut Vec<u8>,
+        wait: Duration,
+    ) -> Result<Duration, TransportError> {
         (**self).receive(received, wait)
     }
 
@@ -84,7 +92,7 @@ pub enum LinkError {
     #[error("no answer from the board for {0:.0} s")]
     NoAnswer(f64),
     /// The board is assisting, holding, or letting the weight down.
-    #[error("the board is armed (mode {0:?}): vent it first")]
+    #[error("the board is armed (mode {0}): vent it first")]
     Armed(Mode),
     /// The board did not store the settings.
     #[error("the board has not stored the settings: {0:?}")]

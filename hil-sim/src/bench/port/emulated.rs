@@ -112,9 +112,14 @@ impl Transport for Emulated {
         Ok(())
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
-        self.pass(received, wait)
-            .map_err(|error| TransportError(format!("the emulated board's program has ended: {error}")))
+    fn receive(
+        &mut self,
+        received: &mut Vec<u8>,
+        wait: Duration,
+    ) -> Result<Duration, TransportError> {
+        self.pass(received, wait).map_err(|error| {
+            TransportError(format!("the emulated board's program has ended: {error}"))
+        })
     }
 
     fn take_log(&mut self) -> Vec<String> {

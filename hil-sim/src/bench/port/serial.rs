@@ -72,7 +72,11 @@ impl Transport for Serial {
         Ok(())
     }
 
-    fn receive(&mut self, received: &mut Vec<u8>, wait: Duration) -> Result<Duration, TransportError> {
+    fn receive(
+        &mut self,
+        received: &mut Vec<u8>,
+        wait: Duration,
+    ) -> Result<Duration, TransportError> {
         let start = Instant::now();
         if self.port.is_none() {
             std::thread::sleep(wait.min(REOPEN_EVERY));

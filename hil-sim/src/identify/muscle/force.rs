@@ -1,12 +1,14 @@
 //! The muscle's force along a measured motion.
 
-use crate::identify::simulate::Inputs;
+use crate::identify::inputs::Inputs;
 use crate::record::Record;
 use crate::rig::Rig;
+use muscle_plant::effects::Observation;
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
 use muscle_plant::subsystem::term::Update;
 use std::borrow::Cow;
+use std::ops::Range;
 
 /// States that differ by less are the same.
 const SAME: f64 = 1e-8;
@@ -23,6 +25,8 @@ pub(super) enum Force {
 /// A muscle that is driven through a record.
 struct Driven<'a> {
     plant: Plant,
+    /// Of each effect that has one, with where its states stand.
+    observations: Vec<(Range<usize>, Box<dyn Observation>)>,
     inputs: Inputs<'a>,
     force: Force,
 }
@@ -79,7 +83,10 @@ impl<'a> Forces<'a> {
     /// Whether the muscle has a memory of the motion.
     pub(super) fn remembers(&self) -> bool {
         let mut driven = self.0.iter();
-        driven.any(|own| own.plant.muscle.terms.all().any(|term| term.remembers()))
+        driven.any(|own| {
+            let mut observations = own.observations.iter();
+            observations.any(|(_, effect)| effect.has_motion_memory())
+        })
     }
 
     /// What each state of the muscle that fades adds to the force where it was one unit too large
@@ -102,8 +109,17 @@ impl<'a> Driven<'a> {
         rig.nominal.load = Load::Prescribed;
         let inputs = Inputs::new(&rig, record).ok()?;
         let plant = rig.plant(Simulated::FORCE_ONLY).ok()?;
+        let observations = rig
+            .effects
+            .iter()
+            .enumerate()
+            .filter_map(|(number, effect)| {
+                Some((plant.term_states(number), effect.observation()?))
+            });
+        let observations = observations.collect();
         (inputs.simulated == Simulated::FORCE_ONLY).then_some(Driven {
             plant,
+            observations,
             inputs,
             force,
         })
@@ -128,20 +144,20 @@ impl<'a> Driven<'a> {
 
     fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
         let Driven { plant, inputs, .. } = self;
-        let muscle = &plant.muscle;
         let mut all: Vec<Vec<f64>> = Vec::new();
         let mut states = [vec![0.0; plant.states()]];
         for row in 0..inputs.time_s.len() {
             self.advance(row, &mut states, [None])?;
             let since_s = inputs.time_s[row] - inputs.time_s[0];
             let at = plant.muscle_point(inputs.time_s[row], &states[0]);
-            let terms = muscle.terms.iter(&states[0]);
-            let fading = terms.flat_map(|(term, own)| term.fading(&at, &muscle.law, own));
-            for (number, (size_n, time_constant_s)) in fading.enumerate() {
+            let fading = self.observations.iter().flat_map(|(range, effect)| {
+                effect.decaying_forces(&at, &plant.muscle.law, &states[0][range.clone()])
+            });
+            for (number, decaying) in fading.enumerate() {
                 if row == 0 {
                     all.push(Vec::with_capacity(inputs.time_s.len()));
                 }
-                all[number].push(size_n * (-since_s / time_constant_s).exp());
+                all[number].push(decaying.force_n * (-since_s / decaying.time_constant_s).exp());
             }
             if all.is_empty() {
                 break;

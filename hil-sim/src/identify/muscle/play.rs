@@ -4,8 +4,7 @@
 use super::prepared::{Prepared, without_vacuum};
 use crate::record::{CONTRACTION, PRESSURE_PA, Record};
 use crate::rig::Rig;
-use muscle_plant::subsystem::Term;
-use muscle_plant::subsystem::sensors::SensorTerm;
+use muscle_plant::effects::{Effect, Observation};
 use std::borrow::Cow;
 
 /// An encoder that has moved by so many times its noise is taken along, over one of these times
@@ -97,29 +96,26 @@ pub(super) fn dips(time_s: &[f64], directions: &[f64]) -> Vec<bool> {
     dips
 }
 
-/// The terms of `rig` that change what its sensors read.
-fn sensor_terms(rig: &Rig) -> impl Iterator<Item = Box<dyn SensorTerm>> {
-    let terms = rig.effects.iter();
-    let terms = terms.map(|effect| (effect.form.build)(&effect.values));
-    terms.filter_map(|term| match term {
-        Term::Sensor(term) => Some(term),
-        _ => None,
-    })
+/// What the effects of `rig` tell of its readings.
+fn observations(rig: &Rig) -> impl Iterator<Item = Box<dyn Observation>> {
+    rig.effects.iter().filter_map(Effect::observation)
 }
 
 /// How far the encoder of `rig` may be behind the muscle, either way, while it rests \[-\].
 pub(super) fn play(rig: &Rig) -> f64 {
     let length_m = rig.nominal.muscle.initial_length_m;
-    sensor_terms(rig).map(|term| term.play(length_m)).sum()
+    observations(rig)
+        .map(|effect| effect.backlash(length_m))
+        .sum()
 }
 
 /// `record` with the contraction that an encoder with only the [`play`] would have read.
 pub(super) fn without_further_play<'a>(rig: &Rig, record: &'a Record) -> Cow<'a, Record> {
     let length_m = rig.nominal.muscle.initial_length_m;
     let mut record = Cow::Borrowed(record);
-    for term in sensor_terms(rig) {
+    for effect in observations(rig) {
         let contraction = record.column(CONTRACTION);
-        let near = contraction.and_then(|read| term.without_further_play(length_m, read));
+        let near = contraction.and_then(|read| effect.without_further_backlash(length_m, read));
         if let Some(near) = near {
             record.to_mut().set(CONTRACTION, near);
         }
@@ -141,14 +137,11 @@ impl Prepared {
         let Some(gas) = &self.gas else {
             return ways;
         };
-        for effect in &rig.effects {
-            let Term::Line(term) = (effect.form.build)(&effect.values) else {
-                continue;
-            };
+        for effect in observations(rig) {
             let ahead = ways.iter().filter_map(|way| {
                 // Also what was left out, as no gas has it.
                 let read_pa = gas.column(PRESSURE_PA)?;
-                let before_pa = term.before_sensor_pa(way.time_s(), read_pa)?;
+                let before_pa = effect.before_sensor_pa(way.time_s(), read_pa)?;
                 let mut way = way.clone().into_owned();
                 way.set(PRESSURE_PA, before_pa);
                 without_vacuum(rig, &mut way);

@@ -4,7 +4,7 @@ use super::along::Along;
 use super::force::Forces;
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
-use crate::identify::simulate::Inputs;
+use crate::identify::inputs::Inputs;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
@@ -12,10 +12,10 @@ use model_discrepancy::least_squares::Residuals;
 use muscle_plant::nominal::{Load, Weight};
 use muscle_plant::simulation::Simulated;
 use muscle_plant::simulation::{Initial, Simulation, TOLERANCE};
-use muscle_plant::subsystem::Term;
 use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, LoadPoint, LoadSubsystem};
 use muscle_plant::subsystem::sensors::Reading;
 use muscle_plant::subsystem::term::Terms;
+use muscle_plant::subsystem::{Subsystem, Term};
 use std::ops::ControlFlow;
 
 /// The stop is where the contraction is 0, to within this \[-\].
@@ -142,7 +142,7 @@ fn load_block(rig: &Rig, weight: Weight) -> (LoadSubsystem, usize) {
     };
     let mut states = 0;
     let effects = rig.effects.iter();
-    for effect in effects.filter(|effect| effect.kind.place == "load") {
+    for effect in effects.filter(|effect| effect.kind.subsystem == Subsystem::Load) {
         if let Term::Load(term) = (effect.form.build)(&effect.values) {
             states += load.terms.push(term, states);
         }

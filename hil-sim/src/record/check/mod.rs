@@ -1,8 +1,8 @@
-//! Is a record fit for a diagnosis? Sampling, noise, the marks of broken sensors, and how far it
-//! has moved what it measures.
+//! Whether a record is fit for a diagnosis: sampling, noise, signs of defective sensors, and the
+//! range over which its signals move.
 //!
-//! Nothing here is tuned to a rig: a limit is where noise ends, where an effect's usual size begins
-//! (the sizes of the catalogue, [`muscle_plant::effects`]), or what the reader of a plot would call one.
+//! No limit is tuned to a rig. A limit follows from the noise, from the typical size of an effect
+//! (see the catalogue, [`muscle_plant::effects`]), or from what is visible in a plot.
 
 mod signal;
 
@@ -18,7 +18,7 @@ use muscle_plant::nominal::Load;
 use serde::Serialize;
 pub(crate) use signal::quantile;
 
-/// The columns that are looked at.
+/// The columns that are checked.
 const SIGNALS: [&str; 8] = [
     PRESSURE_REF_PA,
     PRESSURE_PA,
@@ -30,61 +30,64 @@ const SIGNALS: [&str; 8] = [
     TEMPERATURE_K,
 ];
 
-/// Fewer rows cannot tell the dozen numbers of a rig from each other.
+/// Fewer rows do not determine the dozen nominal values of a rig.
 const ROWS_MIN: usize = 100;
-/// The initial state alone takes the first second \[s\].
+/// The estimate of the initial state alone needs the first second \[s\].
 const LENGTH_S_MIN: f64 = 1.0;
-/// The fastest effects (valve lag, transport delay) take 10 ms and more, mostly 20 \[s\].
+/// The fastest effects (valve lag, transport delay) have times of at least 10 ms, typically 20 ms
+/// \[s\].
 const PERIOD_S_MAX: f64 = 0.02;
-/// Times are written with few digits.
+/// Allowance for times that are written with few digits.
 const ROUNDING: f64 = 1.05;
-/// Spread of the times between rows, to their median: beyond it a row is a third of the way to its
-/// neighbour at times, and rates that are taken from row to row are wrong by as much.
+/// Standard deviation of the times between rows over their median. Beyond it rows are displaced by
+/// up to a third of the period, and rates from row to row have errors of the same size.
 const JITTER_MAX: f64 = 0.2;
-/// A gap is this much longer than nine of ten times between rows are: a missed row makes two.
+/// A gap is longer than this many times the 90 % quantile of the times between rows; a single
+/// missed row gives 2.
 const GAP_PERIODS: f64 = 1.5;
 const GAP_SHARE: f64 = 0.9;
-/// With fewer of its sensor's steps in its range a signal is wrong by 1 % of it: 100/√12.
+/// With fewer sensor steps in its range, a signal's rounding error exceeds 1 % of the range:
+/// 100/√12.
 const STEPS_MIN: f64 = 29.0;
-/// Creep is told per decade of time: the one after the first second \[s\].
+/// Creep is identified per decade of time: the decade after the first second \[s\].
 const HOLD_S: f64 = 10.0;
-/// Dead bands begin here (gauge) \[Pa\]: a vented muscle is below.
+/// A vented muscle is below this gauge pressure, at which dead bands begin \[Pa\].
 const VENTED_PA: f64 = 8e3;
-/// Run-in fades over cycles: three of them.
+/// Reversals in three cycles, over which run-in decays.
 const CYCLE_REVERSALS: usize = 5;
 
-/// How a record was sampled.
+/// The sampling of a record.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sampling {
-    /// Rows of samples.
+    /// Number of rows.
     pub rows: usize,
-    /// From the first to the last \[s\].
+    /// Time from the first row to the last \[s\].
     pub length_s: f64,
-    /// The median time from row to row \[s\]; 0 of a single row.
+    /// Median time from row to row \[s\]; 0 for a single row.
     pub period_s: f64,
-    /// Root mean square of what the times between rows are off their median, gaps left out, to the
-    /// median \[-\].
+    /// RMS deviation of the times between rows from their median, without gaps, over the median
+    /// \[-\].
     pub jitter: f64,
-    /// How many gaps there are.
+    /// Number of gaps.
     pub gaps: usize,
-    /// The longest time between two rows \[s\].
+    /// Longest time between two rows \[s\].
     pub longest_s: f64,
 }
 
-/// What is wrong with a record.
+/// A defect of a record.
 #[derive(Clone, Debug, PartialEq, Serialize, thiserror::Error)]
 #[serde(tag = "finding", rename_all = "kebab-case")]
 pub enum Finding {
     /// Error: fewer rows than a diagnosis needs.
     #[error("only {rows} rows, fewer than {}", ROWS_MIN)]
     FewRows {
-        /// How many.
+        /// Number of rows.
         rows: usize,
     },
     /// Error: shorter than a diagnosis needs.
     #[error("only {length_s:.3} s, less than {} s", LENGTH_S_MIN)]
     Short {
-        /// How long \[s\].
+        /// Length of the record \[s\].
         length_s: f64,
     },
     /// Error: a column without a sample.
@@ -93,77 +96,80 @@ pub enum Finding {
         /// The column.
         signal: &'static str,
     },
-    /// Error: neither reference nor pressure, so nothing to drive a simulation with.
+    /// Error: neither reference nor pressure, one of which is the input of a simulation.
     #[error("neither `pressure_ref_pa` nor `pressure_pa`")]
     NoInput,
-    /// Error: only inputs, so nothing to compare a simulation with.
-    #[error("nothing that follows the pressure was measured")]
+    /// Error: no signal to compare a simulation with.
+    #[error("no signal that depends on the pressure was measured")]
     NoResponse,
-    /// Error: one value throughout, while what must move it or moves with it does.
-    #[error("`{signal}` is {value} throughout, while `{while_moves}` moves")]
+    /// Error: constant, while a signal that it depends on changes.
+    #[error("`{signal}` is {value} throughout, while `{while_moves}` changes")]
     Dead {
         /// The column.
         signal: &'static str,
         /// Its value.
         value: f64,
-        /// A column that moves.
+        /// A column that changes.
         while_moves: &'static str,
     },
-    /// Times without rows.
+    /// Gaps between rows.
     #[error("gaps: {count}, the first at {first_s} s, the longest {longest_s:.4} s")]
     Gaps {
-        /// How many.
+        /// Number of gaps.
         count: usize,
-        /// When the first begins \[s\].
+        /// Start of the first gap \[s\].
         first_s: f64,
-        /// The longest \[s\].
+        /// Length of the longest gap \[s\].
         longest_s: f64,
     },
-    /// Times between rows differ.
+    /// Unequal times between rows.
     #[error("times between rows differ by {:.0} % RMS", 100.0 * .jitter)]
     Uneven {
         /// See [`Sampling::jitter`].
         jitter: f64,
     },
-    /// Too slow for the fastest effects.
-    #[error("a row each {:.0} ms, some valves and lines are faster", 1e3 * .period_s)]
+    /// Sampling too slow for the fastest effects.
+    #[error("one row every {:.0} ms, some valves and lines are faster", 1e3 * .period_s)]
     Slow {
         /// Median time from row to row \[s\].
         period_s: f64,
     },
     /// Empty cells.
-    #[error("`{signal}` lacks {:.2} %, up to {longest_gap_s:.3} s at a time", 100.0 * .share)]
+    #[error(
+        "`{signal}` lacks {:.2} % of its samples, for up to {longest_gap_s:.3} s",
+        100.0 * .share
+    )]
     Missing {
         /// The column.
         signal: &'static str,
-        /// Of all cells.
+        /// Share of all cells \[-\].
         share: f64,
         /// The longest time between two samples \[s\].
         longest_gap_s: f64,
     },
-    /// One value throughout, which may be so: a clamped bench, a constant weight.
-    #[error("`{signal}` is {value} throughout: held, or a dead sensor")]
+    /// Constant, which may be correct: a clamped bench, a constant weight.
+    #[error("`{signal}` is {value} throughout: held, or a defective sensor")]
     Constant {
         /// The column.
         signal: &'static str,
         /// Its value.
         value: f64,
     },
-    /// Noise, and no motion beyond it.
-    #[error("`{signal}` does not leave its noise")]
+    /// No change beyond the noise.
+    #[error("`{signal}` does not change by more than its noise")]
     Still {
         /// The column.
         signal: &'static str,
     },
-    /// The sensor has few steps in the range.
+    /// Few sensor steps in the signal's range.
     #[error("`{signal}` has only {steps} steps of its sensor in its range")]
     Coarse {
         /// The column.
         signal: &'static str,
-        /// How many.
+        /// Number of steps.
         steps: f64,
     },
-    /// The signal sits at its exact extreme without its noise.
+    /// The signal stays at its exact extreme, without noise.
     #[error(
         "`{signal}` is at {value} without its noise for {:.1} % of its samples: clipped, or a stop",
         100.0 * .share
@@ -173,7 +179,7 @@ pub enum Finding {
         signal: &'static str,
         /// The value.
         value: f64,
-        /// Of all samples.
+        /// Share of all samples \[-\].
         share: f64,
     },
     /// Single samples far from their neighbours.
@@ -181,42 +187,44 @@ pub enum Finding {
     Spikes {
         /// The column.
         signal: &'static str,
-        /// How many.
+        /// Number of spikes.
         count: usize,
-        /// When the first is \[s\].
+        /// Time of the first spike \[s\].
         first_s: f64,
     },
 }
 
-/// What can be said of one block of the plant.
+/// Whether a record is sufficient to diagnose one subsystem of the plant.
 #[derive(Clone, Debug, Serialize)]
-pub struct Block {
-    /// Its name.
-    pub block: &'static str,
-    /// The record is enough to diagnose it.
+pub struct Subsystem {
+    /// Name of the subsystem.
+    #[serde(rename = "block")]
+    pub name: &'static str,
+    /// Whether the record is sufficient.
     pub enough: bool,
-    /// What is missing for that.
+    /// The signals and conditions that are missing.
     pub missing: Vec<&'static str>,
-    /// What the record cannot show in it, and why.
+    /// Effects that the record cannot show, each with the reason.
     pub blind_to: Vec<&'static str>,
 }
 
-/// What [`check`] found.
+/// The result of [`check`].
 #[derive(Clone, Debug, Serialize)]
 pub struct Check {
-    /// How it was sampled.
+    /// Sampling of the record.
     pub sampling: Sampling,
     /// The columns with samples.
     pub signals: Vec<Signal>,
-    /// A cock between valve and muscle was shut (see [`crate::record::VALVE_OPEN`]).
-    pub cock_shut: bool,
-    /// Why it cannot be diagnosed at all.
+    /// Whether a shut-off valve between valve and muscle was closed at some time (see
+    /// [`crate::record::VALVE_OPEN`]).
+    pub shutoff_valve_closed: bool,
+    /// Findings that make a diagnosis impossible.
     pub errors: Vec<Finding>,
-    /// What a diagnosis will suffer from.
+    /// Findings that make a diagnosis less accurate.
     pub warnings: Vec<Finding>,
 }
 
-/// Looks at what `record` measured.
+/// Checks the sampling and the signals of `record`.
 pub fn check(record: &Record) -> Check {
     let mut warnings = Vec::new();
     let sampling = sampling(record.time_s(), &mut warnings);
@@ -227,22 +235,24 @@ pub fn check(record: &Record) -> Check {
     let mut check = Check {
         sampling,
         signals: signals.collect(),
-        cock_shut: !record.shut().is_empty(),
+        shutoff_valve_closed: !record.shut().is_empty(),
         errors: Vec::new(),
         warnings,
     };
-    check.errors = check.errors(record);
+    check.errors = check.find_errors(record);
     check
 }
 
 fn sampling(time_s: &[f64], warnings: &mut Vec<Finding>) -> Sampling {
     let steps_s: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let period_s = quantile(steps_s.clone(), 0.5);
-    let off = |step_s: &f64| (step_s - period_s).abs();
     let gap_s = GAP_PERIODS * quantile(steps_s.clone(), GAP_SHARE);
     let (gaps, even): (Vec<usize>, Vec<usize>) =
         (0..steps_s.len()).partition(|row| steps_s[*row] > gap_s);
-    let squares: f64 = even.iter().map(|row| off(&steps_s[*row]).powi(2)).sum();
+    let squares: f64 = even
+        .iter()
+        .map(|row| (steps_s[*row] - period_s).powi(2))
+        .sum();
     let sampling = Sampling {
         rows: time_s.len(),
         length_s: time_s[time_s.len() - 1] - time_s[0],
@@ -283,7 +293,8 @@ impl Check {
         self.signal(name).is_some_and(Signal::moves)
     }
 
-    fn errors(&self, record: &Record) -> Vec<Finding> {
+    /// The findings that make a diagnosis of `record` impossible.
+    fn find_errors(&self, record: &Record) -> Vec<Finding> {
         let mut errors = Vec::new();
         let Sampling { rows, length_s, .. } = self.sampling;
         if rows < ROWS_MIN {
@@ -306,13 +317,14 @@ impl Check {
             errors.push(Finding::NoResponse);
             return errors;
         }
-        // The pressure of a muscle that is driven, lifts or pulls moves. What follows it may rest:
-        // a bench that clamps the muscle, a stop. But then something else has to follow.
-        let rests = |name: &str| self.signal(name).is_none_or(Signal::is_constant);
+        // The pressure changes if the reference, the contraction or the force does. Contraction or
+        // force alone may be constant, as on a bench that clamps the muscle or at a stop; both
+        // together may not while the pressure changes.
+        let is_constant = |name: &str| self.signal(name).is_none_or(Signal::is_constant);
         let (judged, by): (&[&str], &[&'static str]) =
-            if self.has(PRESSURE_PA) && rests(PRESSURE_PA) {
+            if self.has(PRESSURE_PA) && is_constant(PRESSURE_PA) {
                 (&[PRESSURE_PA], &[PRESSURE_REF_PA, CONTRACTION, FORCE_N])
-            } else if !driven && follows.iter().all(|name| rests(name)) {
+            } else if !driven && follows.iter().all(|name| is_constant(name)) {
                 (&follows, &[PRESSURE_PA])
             } else {
                 return errors;
@@ -328,20 +340,20 @@ impl Check {
         errors
     }
 
-    /// Refuses a record that cannot be diagnosed, by the first of its errors.
+    /// Refuses a record that cannot be diagnosed.
     ///
     /// # Errors
-    /// There is one.
+    /// The first of [`Check::errors`](field@Check::errors).
     pub fn refuse(&self, record: &Record) -> Result<(), BadInput> {
         self.errors
             .first()
             .map_or(Ok(()), |error| Err(error.refusal(record)))
     }
 
-    /// Which blocks of the plant can be diagnosed, of `rig` if one is given.
-    pub fn blocks(&self, rig: Option<&Rig>) -> Vec<Block> {
+    /// Which subsystems of the plant can be diagnosed, of `rig` if one is given.
+    pub fn subsystems(&self, rig: Option<&Rig>) -> Vec<Subsystem> {
         let weight = rig.is_some_and(|rig| matches!(rig.nominal.load, Load::Weight(_)));
-        let unless = |there: bool, missing: &'static str| (!there).then_some(missing);
+        let unless = |present: bool, missing: &'static str| (!present).then_some(missing);
         let pressure = || {
             [
                 unless(self.has(PRESSURE_PA), "pressure_pa"),
@@ -365,10 +377,10 @@ impl Check {
             unless(self.moves(CONTRACTION), "a contraction that moves"),
             unless(weight, "a rig with a weight (--rig)"),
         ]);
-        let block = |block, missing: &mut dyn Iterator<Item = _>, blind_to: Vec<_>| {
+        let subsystem = |name, missing: &mut dyn Iterator<Item = _>, blind_to: Vec<_>| {
             let missing: Vec<&'static str> = missing.flatten().collect();
-            Block {
-                block,
+            Subsystem {
+                name,
                 enough: missing.is_empty() && self.errors.is_empty(),
                 blind_to: blind_to
                     .into_iter()
@@ -378,21 +390,22 @@ impl Check {
             }
         };
         vec![
-            block("valve and gas", &mut gas, self.gas_is_blind_to()),
-            block("muscle force", &mut force, self.force_is_blind_to()),
-            block("load", &mut load, self.load_is_blind_to()),
+            subsystem("valve and gas", &mut gas, self.gas_is_blind_to()),
+            subsystem("muscle force", &mut force, self.force_is_blind_to()),
+            subsystem("load", &mut load, self.load_is_blind_to()),
         ]
     }
 
     fn gas_is_blind_to(&self) -> Vec<&'static str> {
-        let of = |name: &str, what: fn(&Signal) -> bool| self.signal(name).is_some_and(what);
+        let reference = self.signal(PRESSURE_REF_PA);
         let mut blind = Vec::new();
-        if !of(PRESSURE_REF_PA, |signal| signal.steps > 0) {
+        if reference.is_none_or(|signal| signal.steps == 0) {
             blind.push("lag, delay and flow limit: no step of the reference");
         } else if self.sampling.period_s > PERIOD_S_MAX * ROUNDING {
             blind.push("lag and delay below two samples");
         }
-        if !self.cock_shut && !of(PRESSURE_REF_PA, |signal| signal.longest_hold_s >= HOLD_S) {
+        let is_held = reference.is_some_and(|signal| signal.longest_hold_s >= HOLD_S);
+        if !self.shutoff_valve_closed && !is_held {
             blind.push("leak and dead zone of the valve: no hold of the reference for 10 s");
         }
         if !self.has(SUPPLY_PA) {
@@ -440,7 +453,7 @@ impl Check {
 }
 
 impl Finding {
-    /// The finding as bad input of `record`: what was expected, and where.
+    /// The finding as bad input of `record`, with the place and what was expected.
     pub fn refusal(&self, record: &Record) -> BadInput {
         let file = |expected: String| record.bad_file(&expected);
         match self {
@@ -453,7 +466,8 @@ impl Finding {
                 "a column `{PRESSURE_REF_PA}` or `{PRESSURE_PA}`, found neither"
             )),
             Finding::NoResponse => file(format!(
-                "something that follows the pressure, `{CONTRACTION}` or `{FORCE_N}`, found neither"
+                "a signal that depends on the pressure, `{CONTRACTION}` or `{FORCE_N}`, found \
+                 neither"
             )),
             Finding::Dead {
                 signal,

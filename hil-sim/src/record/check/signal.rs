@@ -1,42 +1,43 @@
-//! What the samples of one column show.
+//! Statistics of one column's samples.
 
 use super::Finding;
 use crate::record::PRESSURE_REF_PA;
 use serde::Serialize;
 
-/// A change is one when it is so many standard deviations of the noise: white noise alone spans
-/// less over some 10⁸ samples.
+/// A signal changes if its range exceeds this many standard deviations of the noise: white noise
+/// alone has a smaller range over some 10⁸ samples.
 const NOISE_SPAN: f64 = 12.0;
-/// A step, and what has to be gone back for a reversal, is at least this share of the range: one in
-/// twenty can be told by eye.
+/// Least size of a step and of the return after a reversal, as a share of the range: 5 % is visible
+/// in a plot.
 const PROMINENT: f64 = 0.05;
-/// What stays within this share of the range is held.
+/// A signal within this share of its range is held.
 const HELD: f64 = 0.02;
-/// Differences in one estimate of the noise.
+/// Number of differences in one estimate of the noise.
 const NOISE_STRETCH: usize = 50;
-/// What a step takes at most \[s\]: a valve lags by tens of milliseconds, and the board's reference
-/// is limited in its rate.
+/// Longest duration of a step \[s\]: a valve lags by tens of milliseconds, and the board limits the
+/// rate of its reference.
 const STEP_S: f64 = 0.05;
-/// Rates and holds are looked at in pieces of this length \[s\], so that noise averages out.
+/// Rates and holds are determined from means over this time \[s\], which average out noise.
 const PIECE_S: f64 = 0.1;
-/// The share of pieces that are slower than the rate that is told.
+/// The quantile of the rates that is reported.
 const RATE_SHARE: f64 = 0.95;
-/// So many samples in a row at the exact extreme are no chance where noise is half a step of the
-/// sensor or more: then a sample is the likeliest value with a probability of 0.68 at most.
+/// Number of consecutive samples at the exact extreme that do not occur by chance if the noise is
+/// at least half a sensor step: then the most likely value has a probability of 0.68 at most.
 const PLATEAU: usize = 50;
 const DITHER: f64 = 0.5;
-/// A spike's height in standard deviations of the noise, and over what goes on around it.
+/// Least height of a spike, in standard deviations of the noise and in changes of the samples
+/// around it.
 const SPIKE: f64 = 10.0;
 const SPIKE_ALONE: f64 = 4.0;
 
-/// What one column shows, in its unit.
+/// Statistics of one column, in its unit.
 #[derive(Clone, Debug, Serialize)]
 pub struct Signal {
     /// The column.
     pub name: &'static str,
-    /// Cells with a sample, and without.
+    /// Number of cells with a sample.
     pub samples: usize,
-    /// See `samples`.
+    /// Number of cells without a sample.
     pub missing: usize,
     /// The longest time between two samples \[s\].
     pub longest_gap_s: f64,
@@ -44,31 +45,31 @@ pub struct Signal {
     pub min: f64,
     /// The largest sample.
     pub max: f64,
-    /// Standard deviation of the noise: from third differences, of which a signal that is smooth
-    /// from sample to sample leaves little, by their median, which jumps do not move. At least
-    /// what rounding makes: quantum/√12.
+    /// Standard deviation of the noise, from the median of squared third differences: a smooth
+    /// signal contributes little to them, and jumps do not move their median. At least the
+    /// rounding error, quantum/√12.
     pub noise: f64,
-    /// The sensor's step, if its values repeat.
+    /// Step of the sensor, if values repeat.
     pub quantum: Option<f64>,
-    /// Of its rates of change over a tenth of a second, the one that 95 % are below \[1/s\].
+    /// 95 % quantile of the rates of change over a tenth of a second \[1/s\].
     pub rate_per_s: f64,
-    /// How often it changes by a twentieth of the range within 50 ms, or to the next sample.
+    /// Number of changes by 5 % of the range within 50 ms, or to the next sample.
     pub steps: usize,
-    /// Changes of direction that are followed by a twentieth of the range.
+    /// Number of changes of direction that are followed by 5 % of the range.
     pub reversals: usize,
-    /// The longest time within 2 % of the range, or within the noise \[s\].
+    /// Longest time within 2 % of the range, or within the noise \[s\].
     pub longest_hold_s: f64,
 }
 
-/// The samples that are there.
+/// The samples of a column, without missing ones.
 struct Samples {
     time_s: Vec<f64>,
     values: Vec<f64>,
 }
 
 impl Signal {
-    /// Looks at `values`, NaN where one is missing; there is at least one. What is wrong with them
-    /// is added to `warnings`.
+    /// The statistics of `values`, NaN where one is missing, of which at least one is present. Adds
+    /// findings to `warnings`.
     pub(super) fn of(
         name: &'static str,
         time_s: &[f64],
@@ -104,7 +105,7 @@ impl Signal {
                 noise = noise_off.max(noise);
             }
         }
-        // A command and a value that is stated have no noise.
+        // A command and a constant have no noise.
         let noise = match is_measured(name) && min < max {
             true => noise.max(step / 12.0_f64.sqrt()),
             false => 0.0,
@@ -136,6 +137,7 @@ impl Signal {
         signal
     }
 
+    /// Adds the findings on this signal to `warnings`.
     fn warn(&self, samples: &Samples, warnings: &mut Vec<Finding>) {
         let signal = self.name;
         if self.missing > 0 {
@@ -145,7 +147,7 @@ impl Signal {
                 longest_gap_s: self.longest_gap_s,
             });
         }
-        // A command may rest, sit at its limits and jump.
+        // A command may be constant, at its limits or jump.
         if !is_measured(signal) {
             return;
         }
@@ -181,12 +183,12 @@ impl Signal {
         self.max - self.min
     }
 
-    /// All samples are one value.
+    /// Whether all samples have the same value.
     pub fn is_constant(&self) -> bool {
         self.min == self.max
     }
 
-    /// It does more than noise does.
+    /// Whether the signal changes by more than its noise.
     pub fn moves(&self) -> bool {
         self.range() > NOISE_SPAN * self.noise
     }
@@ -203,7 +205,7 @@ fn differences(values: &[f64]) -> impl Iterator<Item = f64> {
     values.windows(2).map(|pair| pair[1] - pair[0])
 }
 
-/// The value that `share` of `values` are below; 0 of none.
+/// The quantile of `values` at `share`; 0 if there are none.
 pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -212,8 +214,9 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     *values.select_nth_unstable_by(place, f64::total_cmp).1
 }
 
-/// Standard deviation of white noise on a smooth signal: by the mean squares of stretches, of which
-/// the median is not moved by what a few of them do, nor granular like that of rounded samples.
+/// Standard deviation of white noise on a smooth signal, from the median over stretches of the mean
+/// squared third difference: a few disturbed stretches do not move it, and it is not granular as
+/// the median over rounded samples would be.
 fn noise(values: &[f64]) -> f64 {
     let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
     let squares: Vec<f64> = values.windows(4).map(third).collect();
@@ -222,13 +225,13 @@ fn noise(values: &[f64]) -> f64 {
     if means.is_empty() {
         return 0.0;
     }
-    // Third differences of white noise have the variance σ²(1+9+9+1).
+    // Third differences of white noise have the variance σ²(1 + 9 + 9 + 1).
     (quantile(means, 0.5) / 20.0).sqrt()
 }
 
-/// The sensor's step, and whether there is one: its values repeat. Then it is the change from one
-/// sample to the next that a tenth are below (averaged and interpolated samples make smaller ones);
-/// else it is at most what neighbouring values are apart, with the same share.
+/// The sensor's step, and whether values repeat. If they do, the step is the 10 % quantile of the
+/// changes from sample to sample (averaged and interpolated samples have smaller changes);
+/// otherwise an upper bound: the same quantile of the distances between neighbouring values.
 fn step_of(values: &[f64]) -> (f64, bool) {
     let mut distinct = values.to_vec();
     distinct.sort_unstable_by(f64::total_cmp);
@@ -239,14 +242,15 @@ fn step_of(values: &[f64]) -> (f64, bool) {
     (step, repeats)
 }
 
+/// Whether a column is measured; the reference is a command.
 fn is_measured(name: &str) -> bool {
     name != PRESSURE_REF_PA
 }
 
-/// How often the direction changes, each time for at least `prominent`.
+/// Number of changes of direction, each followed by a change of at least `prominent`.
 fn reversals(values: &[f64], prominent: f64) -> usize {
     let (mut low, mut high) = (values[0], values[0]);
-    // Upwards, downwards, or not known yet.
+    // `None` until the first prominent change.
     let mut upwards = None;
     let mut count = 0;
     for value in values {
@@ -266,7 +270,7 @@ fn reversals(values: &[f64], prominent: f64) -> usize {
     count
 }
 
-/// Samples with those left out that lie on plateaus at `extreme`.
+/// The samples without plateaus at `extreme`.
 fn off_plateaus(values: &[f64], extreme: f64) -> Vec<f64> {
     let mut off = Vec::new();
     for run in values.chunk_by(|one, next| one == next) {
@@ -277,7 +281,7 @@ fn off_plateaus(values: &[f64], extreme: f64) -> Vec<f64> {
     off
 }
 
-/// The samples that stand out alone, by at least `height`.
+/// The rows of single samples that differ from their neighbours by at least `height`.
 fn spikes(values: &[f64], height: f64) -> Vec<usize> {
     let windows = values.windows(5).enumerate();
     let alone = windows.filter(|(_, v)| {
@@ -293,7 +297,7 @@ fn spikes(values: &[f64], height: f64) -> Vec<usize> {
 }
 
 impl Samples {
-    /// Means over pieces of a tenth of a second, or the samples where they are farther apart.
+    /// Means over [`PIECE_S`], or the samples themselves if they are farther apart.
     fn pieces(&self) -> Samples {
         let mut pieces = Samples {
             time_s: Vec::new(),
@@ -311,11 +315,11 @@ impl Samples {
         pieces
     }
 
-    /// Stretches of fast change: by `prominent` from their rows to the last within [`STEP_S`].
+    /// Number of stretches in which the signal changes by `prominent` within [`STEP_S`].
     fn steps(&self, prominent: f64) -> usize {
         let (mut steps, mut fast, mut last) = (0, false, 0);
         for (row, time_s) in self.time_s.iter().enumerate() {
-            // Half a per mille for the rounding of times.
+            // Allows half a per mille for rounded times.
             let within = |later: &f64| later - time_s <= 1.0005 * STEP_S;
             while self.time_s.get(last + 1).is_some_and(within) {
                 last += 1;
@@ -328,19 +332,20 @@ impl Samples {
         steps
     }
 
+    /// The quantile [`RATE_SHARE`] of the rates between samples.
     fn rate_per_s(&self) -> f64 {
         let steps = differences(&self.values).zip(differences(&self.time_s));
         quantile(steps.map(|(step, s)| step.abs() / s).collect(), RATE_SHARE)
     }
 
-    /// The longest time within a band of height `band`.
+    /// Longest time within a band of height `band`.
     fn longest_hold_s(&self, band: f64) -> f64 {
         let (mut begin, mut longest_s) = (0, 0.0_f64);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for (row, value) in self.values.iter().enumerate() {
             (low, high) = (low.min(*value), high.max(*value));
             if high - low > band {
-                // Back to where the band around this value begins.
+                // Go back to the start of the band around this value.
                 (low, high, begin) = (*value, *value, row);
                 while let Some(before) = begin.checked_sub(1).map(|before| self.values[before]) {
                     if high.max(before) - low.min(before) > band {

@@ -1,8 +1,13 @@
-//! What other rigs' programs write, as a record: CSV with other names and units, and MATLAB files.
+//! Import of other programs' files as records: CSV with other names and units, and MATLAB files.
 //!
-//! A mapping file ([`Map::EXAMPLE_TOML`]) says which column is which, and its unit. Nothing is
-//! changed without being told: [`Summary`] holds what was done, and where.
+//! A mapping file ([`Map::EXAMPLE_TOML`]) assigns columns and units. [`Summary`] reports every
+//! change, with its place.
 
+#[cfg(feature = "matlab")]
+mod matlab;
+#[cfg(not(feature = "matlab"))]
+#[path = "no_matlab.rs"]
+mod matlab;
 mod source;
 mod times;
 
@@ -18,10 +23,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 pub use times::Mended;
 
-/// A unit: its name, how many of the SI unit it is, and where its zero is.
+/// A unit: its name, its size in the SI unit, and the SI value of its zero.
 type Unit = (&'static str, f64, f64);
 
-/// Units of pressure, all with the zero of the source: `offset` turns absolute into gauge.
+/// Units of pressure. The zero is that of the source: `offset` turns absolute into gauge pressure.
 const PRESSURE: &[Unit] = &[
     ("Pa", 1.0, 0.0),
     ("hPa", 100.0, 0.0),
@@ -72,7 +77,7 @@ const TARGETS: [(&str, &[Unit]); 9] = [
     (VALVE_OPEN, RATIO),
 ];
 
-/// How the columns of a file become those of a record.
+/// The mapping of a file's columns to those of a record.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Map {
@@ -84,14 +89,14 @@ pub struct Map {
     columns: BTreeMap<Spanned<String>, Column>,
 }
 
-/// Where a mapping stands, to say what is wrong with it.
+/// Name and text of the mapping file, for error messages.
 #[derive(Clone, Debug, Default)]
 struct Place {
     file: String,
     text: String,
 }
 
-/// How a CSV file is laid out; a MATLAB file needs none of it.
+/// Layout of a CSV file; not used for MATLAB files.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {
@@ -116,7 +121,7 @@ impl Default for Layout {
     }
 }
 
-/// What tells the time.
+/// Source of the time: a column or a sampling rate.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TimeMap {
@@ -137,33 +142,33 @@ enum Selector {
     Name(String),
 }
 
-/// Rows with the time of the row before.
+/// Treatment of rows with the time of the previous row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Repeated {
     /// Bad input.
     #[default]
     Refuse,
-    /// Only the first of them is kept.
+    /// Only the first row is kept.
     Drop,
-    /// They are the roundings of times in between: they are spread evenly up to the next time.
+    /// The times were rounded: they are spread evenly up to the next time.
     Spread,
 }
 
-/// Rows with a time before the row before.
+/// Treatment of rows with an earlier time than the previous row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Restarted {
     /// Bad input.
     #[default]
     Refuse,
-    /// They are left out, until the time has gone on.
+    /// Rows are left out until the time exceeds that of the last row kept.
     Drop,
-    /// The clock was set anew: it goes on a median period after the row before.
+    /// The clock was reset: the time continues a median period after the previous row.
     Continue,
 }
 
-/// Where a column comes from: (cell · scale + offset) in `unit`.
+/// Source of a column: (cell · scale + offset) in `unit`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Column {
@@ -179,22 +184,22 @@ fn one() -> f64 {
     1.0
 }
 
-/// What an import did.
+/// Report of an import.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// `CSV`, `MATLAB 5` or `MATLAB 7.3`.
     pub format: &'static str,
-    /// How its text was read, if not as UTF-8.
+    /// Encoding of the text, if not UTF-8.
     pub encoding: Option<&'static str>,
-    /// Rows of the file.
+    /// Number of rows of the file.
     pub rows_read: usize,
-    /// Rows of the record.
+    /// Number of rows of the record.
     pub rows_written: usize,
-    /// Rows that had the time of the row before.
+    /// Rows with the time of the previous row.
     pub repeated_times: Mended,
-    /// Rows that had an earlier time than the row before.
+    /// Rows with an earlier time than the previous row.
     pub restarted_times: Mended,
-    /// What the time was read from.
+    /// Source of the time, in words.
     pub time: String,
     /// The record's columns.
     pub columns: Vec<ColumnSummary>,
@@ -202,16 +207,16 @@ pub struct Summary {
     pub left_out: Vec<String>,
 }
 
-/// What became of one column.
+/// Report on one column.
 #[derive(Clone, Debug, Serialize)]
 pub struct ColumnSummary {
-    /// Its name in the record.
+    /// Name in the record.
     pub name: &'static str,
-    /// Its name or number in the file.
+    /// Name or number in the file.
     pub source: String,
-    /// How a number of the file became one of the record.
+    /// Conversion from the file's numbers to the record's.
     pub conversion: String,
-    /// Cells without a sample.
+    /// Number of cells without a sample.
     pub missing: usize,
     /// The smallest sample, in the record's unit.
     pub min: f64,
@@ -219,25 +224,25 @@ pub struct ColumnSummary {
     pub max: f64,
 }
 
-/// A record, and how it came about.
+/// An imported record with its report.
 #[derive(Clone, Debug)]
 pub struct Imported {
     /// The record.
     pub record: Record,
-    /// What was done.
+    /// Report of the import.
     pub summary: Summary,
 }
 
 impl Map {
-    /// A commented mapping, which fits [`Map::EXAMPLE_CSV`].
+    /// A commented mapping for [`Map::EXAMPLE_CSV`].
     pub const EXAMPLE_TOML: &'static str = include_str!("example.toml");
-    /// A file that the example maps.
+    /// The file to which [`Map::EXAMPLE_TOML`] applies.
     pub const EXAMPLE_CSV: &'static str = include_str!("example.csv");
 
     /// Reads the mapping at `path`.
     ///
     /// # Errors
-    /// It cannot be read, or is not a mapping: see [`Map::parse`].
+    /// The file cannot be read, or is not a mapping: see [`Map::parse`].
     pub fn read(path: &Path) -> Result<Map, BadInput> {
         let name = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|error| {
@@ -249,7 +254,7 @@ impl Map {
     /// Reads a mapping from the text of the file `name`.
     ///
     /// # Errors
-    /// Anything that is not a mapping, with its line: an unknown key, column or unit, a wrong type.
+    /// The text is not a mapping, with line: an unknown key, column or unit, a wrong type.
     pub fn parse(name: &str, text: &str) -> Result<Map, BadInput> {
         let place = Place {
             file: name.into(),
@@ -324,10 +329,10 @@ impl Map {
         Ok(())
     }
 
-    /// Makes a record of the file `name` that has `bytes`.
+    /// Imports the `bytes` of the file `name`.
     ///
     /// # Errors
-    /// The file does not have what the mapping says: with line and column.
+    /// The file does not fit the mapping, with line and column.
     pub fn import(&self, name: &str, bytes: &[u8]) -> Result<Imported, BadInput> {
         let source = Source::open(name, bytes, &self.file)?;
         let times = self.times(&source)?;
@@ -358,7 +363,7 @@ impl Map {
         let selectors = self.columns.values().map(|column| &column.column);
         let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
         summary.left_out = source.left_out(&used);
-        // Whatever was imported can be read: what is left to check is checked there.
+        // Reading the record back makes the remaining checks.
         let record = Record::parse(name, &record.to_csv()).map_err(|error| BadInput {
             line: None,
             ..error
@@ -368,7 +373,7 @@ impl Map {
 }
 
 impl Column {
-    /// The samples of the kept rows in SI units; there are `rows_read` in all.
+    /// The samples of the kept `rows` in SI units; the file has `rows_read` rows.
     fn convert(
         &self,
         source: &Source,
@@ -378,7 +383,7 @@ impl Column {
     ) -> Result<(Vec<f64>, ColumnSummary), BadInput> {
         let (name, read) = source.column(&self.column)?;
         if read.len() != rows_read {
-            let expected = format!("{rows_read} rows as others have, found {}", read.len());
+            let expected = format!("{rows_read} rows as in other columns, found {}", read.len());
             return Err(source.bad_column(&name, &expected));
         }
         let (unit, factor, zero) = unit;

@@ -1,11 +1,10 @@
-//! The files that can be imported, as columns of numbers.
+//! Reading of the files that can be imported, as columns of numbers.
 
-use super::{BadInput, Layout, Selector};
-use crate::record::{content, newlines};
-use matfile::{MatFile, NumericData};
+use super::{BadInput, Layout, Selector, matlab};
+use crate::record::{newlines, row_start};
 use std::borrow::Cow;
 
-/// One file's columns.
+/// The columns of one file.
 pub(super) struct Source {
     file: String,
     kind: Kind,
@@ -17,7 +16,7 @@ enum Kind {
     Mat(Vec<Variable>, &'static str),
 }
 
-/// Cells as text.
+/// A CSV file with its cells as text.
 struct Csv {
     decimal_comma: bool,
     missing: Vec<String>,
@@ -28,22 +27,22 @@ struct Csv {
 }
 
 /// One variable of a MATLAB file: `values` column by column.
-struct Variable {
-    name: String,
-    height: usize,
-    width: usize,
-    values: Vec<f64>,
+pub(super) struct Variable {
+    pub(super) name: String,
+    pub(super) height: usize,
+    pub(super) width: usize,
+    pub(super) values: Vec<f64>,
 }
 
 impl Source {
-    /// Opens the file `name` that has `bytes`.
+    /// Reads the `bytes` of the file `name`; their first bytes tell the format.
+    ///
+    /// # Errors
+    /// The bytes are not of the format, with line.
     pub fn open(name: &str, bytes: &[u8], layout: &Layout) -> Result<Source, BadInput> {
-        let kind = if hdf5_pure::is_hdf5_bytes(bytes) {
-            Kind::Mat(version_7(name, bytes)?, "MATLAB 7.3")
-        } else if bytes.starts_with(b"MATLAB 5.0") {
-            Kind::Mat(version_5(name, bytes)?, "MATLAB 5")
-        } else {
-            Kind::Csv(Csv::open(name, bytes, layout)?)
+        let kind = match matlab::read(name, bytes)? {
+            Some((variables, format)) => Kind::Mat(variables, format),
+            None => Kind::Csv(Csv::open(name, bytes, layout)?),
         };
         Ok(Source {
             file: name.into(),
@@ -69,7 +68,7 @@ impl Source {
         .then_some("Latin-1")
     }
 
-    /// Where a row is: its line, or its number from 1.
+    /// The position of a row: its line in a CSV file, else its number from 1.
     pub fn place(&self, row: usize) -> usize {
         match &self.kind {
             Kind::Csv(csv) => csv.lines[row],
@@ -97,7 +96,10 @@ impl Source {
         }
     }
 
-    /// A column's name in messages, and its numbers, NaN where one is missing: one a row.
+    /// A column's name in messages and its numbers, one per row, NaN where one is missing.
+    ///
+    /// # Errors
+    /// The file lacks the column, the column has no row, or a cell is not a finite number.
     pub fn column(&self, selector: &Selector) -> Result<(String, Vec<f64>), BadInput> {
         let name = selector.to_string();
         let values = match &self.kind {
@@ -131,7 +133,7 @@ impl Source {
         Ok((name, values))
     }
 
-    /// The columns that none of `used` names.
+    /// The names of the columns that are not among `used`.
     pub fn left_out(&self, used: &[&Selector]) -> Vec<String> {
         match &self.kind {
             Kind::Csv(csv) => {
@@ -163,7 +165,7 @@ impl Csv {
         let utf_8 = std::str::from_utf8(bytes);
         let is_latin_1 = utf_8.is_err();
         let text = utf_8.map_or_else(
-            // Latin-1 is the first 256 characters of Unicode.
+            // Latin-1 is the first 256 code points of Unicode.
             |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
             Cow::Borrowed,
         );
@@ -192,7 +194,7 @@ impl Csv {
             line: Some(line),
             ..BadInput::file(name, format!("CSV, {error}"))
         })? {
-            let begin = content(text, cells.position());
+            let begin = row_start(text, cells.position());
             line += newlines(&text[counted..begin]);
             counted = begin;
             if std::mem::take(&mut in_header) {
@@ -220,7 +222,7 @@ impl Csv {
         }
     }
 
-    /// The number in a cell, NaN where there is none.
+    /// The number in a cell; NaN if the cell has none.
     fn number(&self, cell: Option<&str>) -> Result<f64, String> {
         let cell = cell.ok_or("this cell, found the end of the row")?;
         let is_missing = self.missing.iter().any(|missing| missing == cell);
@@ -258,7 +260,7 @@ impl Variable {
     }
 }
 
-/// A vector by its name, a matrix's column as `name(:,number)`.
+/// Finds a vector by its name, a column of a matrix by `name(:,number)`.
 fn find<'a>(variables: &'a [Variable], selector: &Selector) -> Option<(usize, &'a [f64])> {
     let Selector::Name(wanted) = selector else {
         return None;
@@ -282,84 +284,4 @@ fn find<'a>(variables: &'a [Variable], selector: &Selector) -> Option<(usize, &'
             Some((index, columns.nth(number.checked_sub(1)?)?))
         }
     }
-}
-
-/// Version 5 to 7: numeric arrays; what else is in the file is left out.
-fn version_5(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
-    let file = MatFile::parse(bytes)
-        .map_err(|error| BadInput::file(name, format!("a MATLAB file, {error}")))?;
-    let arrays = file.arrays().iter().filter(|array| array.size().len() == 2);
-    let variables = arrays.map(|array| Variable {
-        name: array.name().into(),
-        height: array.size()[0],
-        width: array.size()[1],
-        values: numbers(array.data()),
-    });
-    Ok(variables.collect())
-}
-
-fn numbers(data: &NumericData) -> Vec<f64> {
-    // What a rig measures is exact in 53 bits.
-    macro_rules! to_f64 {
-        ($real:ident) => {
-            $real.iter().map(|value| *value as f64).collect()
-        };
-    }
-    match data {
-        NumericData::Int8 { real, .. } => to_f64!(real),
-        NumericData::UInt8 { real, .. } => to_f64!(real),
-        NumericData::Int16 { real, .. } => to_f64!(real),
-        NumericData::UInt16 { real, .. } => to_f64!(real),
-        NumericData::Int32 { real, .. } => to_f64!(real),
-        NumericData::UInt32 { real, .. } => to_f64!(real),
-        NumericData::Int64 { real, .. } => to_f64!(real),
-        NumericData::UInt64 { real, .. } => to_f64!(real),
-        NumericData::Single { real, .. } => to_f64!(real),
-        NumericData::Double { real, .. } => real.clone(),
-    }
-}
-
-/// How many bytes at most deflate packs in one.
-const PACKED_MAX: u64 = 1032;
-
-/// Version 7.3: HDF5, whose data sets stand in groups where MATLAB has structs. A field of a struct
-/// is named `struct.field`.
-fn version_7(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
-    let bad = |error: hdf5_pure::Error| BadInput::file(name, format!("an HDF5 file, {error}"));
-    let file = hdf5_pure::File::from_bytes(bytes.to_vec()).map_err(bad)?;
-    let mut variables = Vec::new();
-    let mut groups = vec![(String::new(), file.root())];
-    while let Some((prefix, group)) = groups.pop() {
-        for found in group.datasets().map_err(bad)? {
-            let dataset = group.dataset(&found).map_err(bad)?;
-            let shape = dataset.shape().map_err(bad)?;
-            // Rows and columns change places: MATLAB's arrays are stored by columns.
-            let [width, height] = shape[..] else {
-                continue;
-            };
-            // Memory is taken for as much as a damaged file says it has.
-            let size = width.saturating_mul(height);
-            if size > PACKED_MAX.saturating_mul(bytes.len() as u64) {
-                let expected = format!("as many numbers as fit in it, found {size} in `{found}`");
-                return Err(BadInput::file(name, expected));
-            }
-            let Ok(values) = dataset.read_f64() else {
-                continue;
-            };
-            variables.push(Variable {
-                name: format!("{prefix}{found}"),
-                height: height as usize,
-                width: width as usize,
-                values,
-            });
-        }
-        for found in group.groups().map_err(bad)? {
-            // Where MATLAB keeps the contents of cells.
-            if !found.starts_with('#') {
-                let inner = group.group(&found).map_err(bad)?;
-                groups.push((format!("{prefix}{found}."), inner));
-            }
-        }
-    }
-    Ok(variables)
 }

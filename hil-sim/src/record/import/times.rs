@@ -5,32 +5,33 @@ use super::{BadInput, Map, Repeated, Restarted, TIME, TIME_S, TimeMap, in_range,
 use crate::record::check::quantile;
 use serde::Serialize;
 
-/// Rows whose time does not rise, and what was done about them.
+/// Report on rows whose time does not rise.
 #[derive(Clone, Debug, Serialize)]
 pub struct Mended {
-    /// How many there were.
+    /// Number of rows.
     pub count: usize,
-    /// Where the first is: a line of text, a row of a MATLAB file.
+    /// Position of the first: line of a text file, row of a MATLAB file.
     pub first: Option<usize>,
-    /// `dropped`, `spread` or `continued`.
+    /// The correction: `dropped`, `spread` or `continued`.
     pub done: &'static str,
 }
 
 impl Mended {
+    /// Counts a row at `place`.
     fn found(&mut self, place: usize) {
         self.count += 1;
         self.first.get_or_insert(place);
     }
 }
 
-/// Which rows are kept, and when they were sampled.
+/// The rows that are kept and their times.
 pub(super) struct Times {
     pub rows: Vec<usize>,
     pub rows_read: usize,
     pub time_s: Vec<f64>,
     pub repeated: Mended,
     pub restarted: Mended,
-    /// In words.
+    /// Source of the times, in words.
     pub source: String,
 }
 
@@ -94,7 +95,7 @@ impl Times {
         }
     }
 
-    /// Takes the times of a clock that may not rise; `bad` refuses one, `place` says where it is.
+    /// Reads times that may not rise. `bad` is the error for a row, `place` the position of a row.
     fn read(
         &mut self,
         map: &TimeMap,
@@ -144,7 +145,7 @@ impl Times {
     }
 }
 
-/// Spreads equal times evenly up to the next one, the last ones over a period.
+/// Spreads equal times evenly up to the next time, those at the end over a period.
 fn spread(time_s: &mut [f64], period_s: f64) {
     let mut begin = 0;
     while begin < time_s.len() {

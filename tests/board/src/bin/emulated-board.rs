@@ -2,22 +2,23 @@
 //!
 //!     emulated-board FIRMWARE.elf
 //!
-//! `hil-sim/src/emulated.rs` says what goes over the pipes. The pins are at rest: no finger, no
-//! pressure, the encoder still.
+//! `hil-sim` documents the protocol on the pipes beside its client of this program. The pins are at
+//! rest: no finger force, no pressure, a constant encoder position.
 
 use emulated_board::{Board, pin};
 use std::io::{self, ErrorKind, Read, Write};
 use std::process::ExitCode;
 
 const LINK_BAUD: u32 = 921_600;
-/// How finely a frame's end is looked for: what the PC hears is late by at most as much.
+/// Step in which the end of a frame is looked for: the PC receives it at most this much later.
 const STEP_US: u32 = 500;
-/// Inputs at rest, docs/wiring.md \[V\].
+/// Inputs at rest \[V\], docs/wiring.md.
 const BRIDGE_V: f64 = 1.65;
 const PRESSURE_V: f64 = 0.33;
 
-/// Lets at most `time_us` pass, until a frame has ended; returns how much did, and what came.
-fn pass(board: &mut Board, time_us: u32) -> (u32, Vec<u8>) {
+/// Runs until a frame has ended, at most for `time_us`; returns the time passed and the bytes
+/// received.
+fn run_until_frame(board: &mut Board, time_us: u32) -> (u32, Vec<u8>) {
     let mut received = Vec::new();
     let mut passed_us = 0;
     while passed_us < time_us && !received.contains(&0) {
@@ -29,12 +30,12 @@ fn pass(board: &mut Board, time_us: u32) -> (u32, Vec<u8>) {
     (passed_us, received)
 }
 
-/// What is new in the log, and mistakes that are new.
-fn text(board: &mut Board, errors_told: &mut usize) -> String {
+/// New lines of the log, and new errors.
+fn text(board: &mut Board, errors_reported: &mut usize) -> String {
     let mut lines = board.logs();
-    let errors = board.errors().iter().skip(*errors_told);
+    let errors = board.errors().iter().skip(*errors_reported);
     lines.extend(errors.map(|error| format!("MISTAKE {}", error.text)));
-    *errors_told = board.errors().len();
+    *errors_reported = board.errors().len();
     lines.iter().map(|line| format!("{line}\n")).collect()
 }
 
@@ -45,7 +46,7 @@ fn number(input: &mut impl Read) -> io::Result<u32> {
 }
 
 fn serve(board: &mut Board, input: &mut impl Read, output: &mut impl Write) -> io::Result<()> {
-    let mut errors_told = 0;
+    let mut errors_reported = 0;
     loop {
         let time_us = match number(input) {
             Err(error) if error.kind() == ErrorKind::UnexpectedEof => return Ok(()),
@@ -55,8 +56,8 @@ fn serve(board: &mut Board, input: &mut impl Read, output: &mut impl Write) -> i
         let mut bytes = Vec::new();
         input.take(len.into()).read_to_end(&mut bytes)?;
         board.link_send(&bytes);
-        let (passed_us, received) = pass(board, time_us);
-        let text = text(board, &mut errors_told);
+        let (passed_us, received) = run_until_frame(board, time_us);
+        let text = text(board, &mut errors_reported);
         output.write_all(&passed_us.to_le_bytes())?;
         for field in [&received, text.as_bytes()] {
             output.write_all(&(field.len() as u32).to_le_bytes())?;

@@ -1,13 +1,13 @@
-//! Puts a program in assembly into the flash of a board.
+//! Assembles a program and creates a board with it.
 
 use emulated_board::Board;
 use object::{Object, ObjectSection, ObjectSymbol};
 use std::process::Command;
 
-/// Where the program's first instruction is: behind the vector table.
+/// Address of the first instruction, after the vector table.
 const CODE: u32 = 0x0800_0200;
 const STACK_TOP: u32 = 0x2000_8000;
-/// Vectors by the label of their handler.
+/// Exception numbers of the handlers, by label.
 const VECTORS: [(&str, usize); 7] = [
     ("reset", 1),
     ("hard_fault", 3),
@@ -17,7 +17,7 @@ const VECTORS: [(&str, usize); 7] = [
     ("irq1", 17),
     ("irq2", 18),
 ];
-/// `const r0, 0x12345678` needs no literal pool, and so no linker.
+/// `const r0, 0x12345678` needs no literal pool and therefore no linker.
 const PRELUDE: &str = ".syntax unified
 .thumb
 .fpu fpv4-sp-d16
@@ -27,7 +27,7 @@ const PRELUDE: &str = ".syntax unified
 .endm
 ";
 
-/// A board that runs `program` from its label `reset` on.
+/// A board that runs `program`, starting at its label `reset`.
 pub fn board(program: &str) -> Board {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let (source, target) = (folder.path().join("a.s"), folder.path().join("a.o"));
@@ -41,13 +41,13 @@ pub fn board(program: &str) -> Board {
         ])
         .args([&target, &source])
         .status()
-        .expect("clang, which building the engine needs too");
+        .expect("clang");
     assert!(status.success(), "{program}");
     let data = std::fs::read(&target).expect("clang's output");
     let file = object::File::parse(&*data).expect("an object file");
     let text = file.section_by_name(".text").expect("code");
     let code = text.data().expect("bytes");
-    assert_eq!(text.relocations().count(), 0, "there is no linker");
+    assert_eq!(text.relocations().count(), 0, "relocations need a linker");
     let mut cells = vec![0xff; CODE as usize & 0xffff];
     let mut vector = |number: usize, value: u32| {
         cells[4 * number..4 * number + 4].copy_from_slice(&value.to_le_bytes());

@@ -1,6 +1,6 @@
-//! The core: exceptions, faults, sleep and flash stalls, on small programs in assembly.
+//! The core: exceptions, faults, sleep and flash stalls, tested with small assembly programs.
 //!
-//! The programs are assembled by clang, which building the engine needs anyway.
+//! clang assembles the programs; building the engine needs it, too.
 
 mod assembler;
 
@@ -8,7 +8,7 @@ use assembler::board;
 use emulated_board::{Board, ResetCause};
 
 const MS: u64 = 1_000_000;
-/// Programs leave their results here.
+/// Address at which the programs store their results.
 const RESULTS: u32 = 0x2000_1000;
 
 fn words(board: &Board, count: usize) -> Vec<u32> {
@@ -60,7 +60,7 @@ fn pending_interrupts_run_by_priority_and_chain_without_a_return() {
 }
 
 #[test]
-fn more_urgent_interrupt_preempts_and_registers_come_back() {
+fn more_urgent_interrupt_preempts_and_registers_are_restored() {
     let mut board = board(
         "reset:
             const r4, 0xe000e400
@@ -142,7 +142,7 @@ fn floating_point_registers_survive_an_interrupt() {
 }
 
 #[test]
-fn floating_point_needs_its_unit_switched_on() {
+fn floating_point_needs_its_unit_enabled() {
     let mut board = board(
         "reset: vmov s0, r0
             b .
@@ -206,7 +206,7 @@ fn bus_fault_has_its_own_handler_once_enabled() {
 }
 
 #[test]
-fn stack_below_the_ram_faults_and_a_handler_that_pushes_locks_up() {
+fn stack_below_the_ram_causes_a_fault_and_a_handler_that_pushes_locks_up() {
     let overflow = "reset: const r0, 0x20000004
             mov sp, r0
             push {r0, r1}
@@ -215,14 +215,14 @@ fn stack_below_the_ram_faults_and_a_handler_that_pushes_locks_up() {
     let mut pushes = board(&format!("{overflow} push {{r0, lr}}\n b ."));
     pushes.run_until(MS);
     assert!(pushes.is_locked_up());
-    let mut takes_the_stack_anew = board(&format!(
+    let mut resets_the_stack = board(&format!(
         "{overflow} const r1, 0x20001000
             mov sp, r1
             push {{r0, lr}}
             b ."
     ));
-    takes_the_stack_anew.run_until(MS);
-    assert!(!takes_the_stack_anew.is_locked_up());
+    resets_the_stack.run_until(MS);
+    assert!(!resets_the_stack.is_locked_up());
 }
 
 #[test]
@@ -254,7 +254,7 @@ fn wfi_sleeps_until_an_interrupt_even_if_it_is_masked() {
 }
 
 #[test]
-fn erasing_stalls_code_in_flash_and_programming_sticks() {
+fn erasing_stalls_code_in_flash_and_programming_is_permanent() {
     let mut board = board(
         "reset: const r4, 0x40023c00
             const r0, 0x45670123
@@ -289,7 +289,7 @@ fn erasing_stalls_code_in_flash_and_programming_sticks() {
 }
 
 #[test]
-fn reset_request_and_watchdog_restart_the_program_and_ram_stays() {
+fn reset_request_and_watchdog_restart_the_program_and_ram_is_kept() {
     let mut board = board(
         "reset: const r6, 0x20001000
             ldr r0, [r6]
@@ -316,14 +316,14 @@ fn reset_request_and_watchdog_restart_the_program_and_ram_stays() {
     let causes: Vec<_> = board.resets().iter().map(|r| r.cause).collect();
     assert_eq!(causes[..2], [ResetCause::Power, ResetCause::Watchdog]);
     // 4096 counts of 32 kHz / 4
-    let bite_ms = (board.resets()[1].time_ns - board.resets()[0].time_ns) as f64 * 1e-6;
-    assert!((bite_ms - 512.0).abs() < 0.1, "{bite_ms} ms");
+    let timeout_ms = (board.resets()[1].time_ns - board.resets()[0].time_ns) as f64 * 1e-6;
+    assert!((timeout_ms - 512.0).abs() < 0.1, "{timeout_ms} ms");
     assert_eq!(causes[2], ResetCause::Software);
     assert_eq!(words(&board, 2)[1] >> 24, 0x3e);
 }
 
 #[test]
-fn time_is_one_cycle_an_instruction_and_runs_are_equal() {
+fn instructions_take_one_cycle_and_runs_are_identical() {
     let run = || {
         let mut board = board(
             "reset: movs r0, #0
@@ -344,7 +344,7 @@ fn time_is_one_cycle_an_instruction_and_runs_are_equal() {
 }
 
 #[test]
-fn interrupt_never_breaks_an_it_block() {
+fn interrupts_do_not_split_it_blocks() {
     let mut board = board(
         "reset: const r4, 0xe000e010
             movs r5, #96

@@ -1,4 +1,4 @@
-//! Whatever stops the firmware: the valve is safe, the board comes back, and says why.
+//! Crashes of the firmware: the valve goes to 0 V, the board restarts and reports the cause.
 
 use crate::rig::{MS, Rig};
 use emulated_board::ResetCause as Cause;
@@ -11,49 +11,49 @@ use model_core::supervisor::Fault;
 const ENDLESS_LOOP: [u8; 2] = [0xfe, 0xe7];
 /// `udf #0`
 const UNDEFINED: [u8; 2] = [0x00, 0xde];
-/// `push {lr}; b .-2`, which eats the stack.
+/// `push {lr}; b .-2`: stack overflow.
 const ENDLESS_PUSH: [u8; 4] = [0x00, 0xb5, 0xfd, 0xe7];
 
-/// Patches code until the board resets, then puts back what was there.
-fn sabotage(rig: &mut Rig, function: &str, code: &[u8]) {
+/// Patches code until the board resets, then restores it and resets the board once more.
+fn patch_and_reset(rig: &mut Rig, function: &str, code: &[u8]) {
     let address = rig.code(function);
     let before = rig.board.read_memory(address, code.len());
     let resets = rig.board.resets().len();
     rig.board.write_flash(address, code);
-    let give_up_ns = rig.board.time_ns() + 1_000 * MS;
+    let timeout_ns = rig.board.time_ns() + 1_000 * MS;
     while rig.board.resets().len() == resets {
         rig.board.run_for(MS / 10);
-        assert!(rig.board.time_ns() < give_up_ns, "no reset in a second");
+        assert!(rig.board.time_ns() < timeout_ns, "no reset in a second");
     }
     rig.board.write_flash(address, &before);
     rig.board.reset_pin();
 }
 
-/// The same, but the board comes up by itself with the code put back, so that it tells the cause.
-fn sabotage_once(rig: &mut Rig, function: &str, code: &[u8]) -> (Cause, u64) {
+/// Patches code until the board resets, then restores it, so that the board starts and reports the
+/// cause. Returns the cause and the time to the reset \[ns\].
+fn patch_until_reset(rig: &mut Rig, function: &str, code: &[u8]) -> (Cause, u64) {
     let address = rig.code(function);
     let before = rig.board.read_memory(address, code.len());
-    let (resets, began_ns) = (rig.board.resets().len(), rig.board.time_ns());
+    let (resets, start_ns) = (rig.board.resets().len(), rig.board.time_ns());
     rig.board.write_flash(address, code);
     while rig.board.resets().len() == resets {
         rig.board.run_for(MS / 100);
         assert!(
-            rig.board.time_ns() < began_ns + 1_000 * MS,
+            rig.board.time_ns() < start_ns + 1_000 * MS,
             "no reset in a second"
         );
     }
     rig.board.write_flash(address, &before);
     let reset = rig.board.resets()[resets];
-    (reset.cause, reset.time_ns - began_ns)
+    (reset.cause, reset.time_ns - start_ns)
 }
 
 #[test]
-fn watchdog_bites_when_ticks_do_not_end() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
-    let (cause, after_ns) = sabotage_once(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
-    println!("bitten after {:.1} ms", after_ns as f64 * 1e-6);
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn watchdog_resets_the_board_when_ticks_do_not_complete() {
+    let mut rig = Rig::after_ms(1_000);
+    let (cause, after_ns) = patch_until_reset(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
+    println!("reset after {:.1} ms", after_ns as f64 * 1e-6);
     assert_eq!(cause, Cause::Watchdog);
     assert!((40 * MS..61 * MS).contains(&after_ns), "{after_ns} ns");
     assert_eq!(rig.board.dac_volts(1), 0.0);
@@ -67,10 +67,9 @@ fn watchdog_bites_when_ticks_do_not_end() {
 }
 
 #[test]
-fn link_that_hangs_does_not_stop_the_ticks() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn hanging_link_task_does_not_stop_the_ticks() {
+    let mut rig = Rig::after_ms(1_000);
     let address = rig.code("TIM3");
     rig.board.write_flash(address, &ENDLESS_LOOP);
     rig.board.trace_exceptions(true);
@@ -81,23 +80,22 @@ fn link_that_hangs_does_not_stop_the_ticks() {
 }
 
 #[test]
-fn undefined_instruction_is_noted_with_its_place() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
-    let place = rig.code("TIM3");
-    let (cause, _) = sabotage_once(&mut rig, "TIM3", &UNDEFINED);
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn hard_fault_is_reported_with_its_address() {
+    let mut rig = Rig::after_ms(1_000);
+    let address = rig.code("TIM3");
+    let (cause, _) = patch_until_reset(&mut rig, "TIM3", &UNDEFINED);
     assert_eq!((cause, rig.board.dac_volts(1)), (Cause::Software, 0.0));
     rig.run_ms(50);
     match rig.identity().crash {
         Some(Crash::HardFault { pc, cfsr, .. }) => {
-            assert_eq!((pc, cfsr & 0xffff_0000), (place, 1 << 16));
+            assert_eq!((pc, cfsr & 0xffff_0000), (address, 1 << 16));
         }
         other => panic!("{other:?}"),
     }
 }
 
-/// `movw` and `movt`, which load a register.
+/// `movw` and `movt`: load a register.
 fn load(register: u32, value: u32) -> Vec<u8> {
     let half = |opcode: u32, value: u32| {
         let first = opcode | (value >> 11 & 1) << 10 | value >> 12;
@@ -107,17 +105,20 @@ fn load(register: u32, value: u32) -> Vec<u8> {
     [half(0xf240, value & 0xffff), half(0xf2c0, value >> 16)].concat()
 }
 
-/// A file's name, and code that panics in its line 1234.
+/// A file name, and code that panics with line 1234 of this file.
 fn panic_in(rig: &Rig) -> (&'static str, Vec<u8>) {
-    // A call of core's panic, as the compiler makes it for a division by zero. Its only argument
-    // is a Location, which lies behind the code: the file's name, line and column.
+    // A call of core's panic function for a division by zero. Its only argument is a Location,
+    // which is placed after the code: file name, line and column.
     let file = "some/folder/of/a_file.rs";
     let panic = rig.board.symbol_with("panic_const_div_by_zero");
     let begin = rig.code("TIM3");
     let location = (begin + 20).next_multiple_of(4);
     let words = [location + 16, file.len() as u32, 1234, 5].map(u32::to_le_bytes);
     let mut code = load(0, location);
-    code.extend(load(3, panic.expect("there are divisions")));
+    code.extend(load(
+        3,
+        panic.expect("the firmware contains a checked division"),
+    ));
     // bx r3
     code.extend([0x18, 0x47]);
     code.resize((location - begin) as usize, 0);
@@ -127,12 +128,11 @@ fn panic_in(rig: &Rig) -> (&'static str, Vec<u8>) {
 }
 
 #[test]
-fn panic_is_noted_with_its_place() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn panic_is_reported_with_file_and_line() {
+    let mut rig = Rig::after_ms(1_000);
     let (file, code) = panic_in(&rig);
-    let (cause, _) = sabotage_once(&mut rig, "TIM3", &code);
+    let (cause, _) = patch_until_reset(&mut rig, "TIM3", &code);
     assert_eq!((cause, rig.board.dac_volts(1)), (Cause::Software, 0.0));
     rig.run_ms(50);
     let crash = Crash::Panic {
@@ -142,13 +142,12 @@ fn panic_is_noted_with_its_place() {
     assert_eq!(rig.identity().crash, Some(crash));
 }
 
-/// The reset alone would do it too, but later, and only if it comes.
+/// The reset itself would also remove the voltage, but later.
 #[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn valve_is_at_zero_volts_before_a_crash_resets_the_board() {
     for crash in 0..3 {
-        let Some(mut rig) = Rig::after_ms(1_000) else {
-            return;
-        };
+        let mut rig = Rig::after_ms(1_000);
         let assist = Command::Request(Request::Assist);
         rig.send(&ToDevice::Command(assist));
         rig.run_ms(300);
@@ -159,20 +158,22 @@ fn valve_is_at_zero_volts_before_a_crash_resets_the_board() {
             1 => ENDLESS_PUSH.to_vec(),
             _ => panic_in(&rig).1,
         };
-        sabotage_once(&mut rig, "TIM3", &code);
+        patch_until_reset(&mut rig, "TIM3", &code);
         let volts: Vec<_> = rig.board.dac_events().iter().map(|e| e.volts).collect();
-        let reset = volts.iter().position(Option::is_none).expect("it floats");
+        let reset = volts
+            .iter()
+            .position(Option::is_none)
+            .expect("a floating pin after the reset");
         let before = volts[..reset].last();
         assert_eq!(before, Some(&Some(0.0)), "{crash}: {volts:?}");
     }
 }
 
 #[test]
-fn stack_overflow_is_noted_as_such() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
-    let (cause, _) = sabotage_once(&mut rig, "TIM3", &ENDLESS_PUSH);
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn stack_overflow_is_reported_as_such() {
+    let mut rig = Rig::after_ms(1_000);
+    let (cause, _) = patch_until_reset(&mut rig, "TIM3", &ENDLESS_PUSH);
     assert_eq!((cause, rig.board.dac_volts(1)), (Cause::Software, 0.0));
     assert!(!rig.board.is_locked_up());
     rig.run_ms(50);
@@ -183,7 +184,7 @@ fn stack_overflow_is_noted_as_such() {
     );
 }
 
-/// Lets the encoder leap to `position`, which is a fault; returns it.
+/// Moves the encoder to `position` in one step, which is a fault, and returns the fault.
 fn provoke_a_fault(rig: &mut Rig, position: i64) -> Option<Fault> {
     rig.board.set_encoder(position);
     rig.run_ms(100);
@@ -193,20 +194,19 @@ fn provoke_a_fault(rig: &mut Rig, position: i64) -> Option<Fault> {
 }
 
 #[test]
-fn latched_fault_survives_any_reset_but_not_the_power() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn latched_fault_survives_every_reset_except_power_on() {
+    let mut rig = Rig::after_ms(1_000);
     assert_eq!(rig.identity().fault, None);
     let fault = provoke_a_fault(&mut rig, 1 << 20);
-    sabotage_once(&mut rig, "TIM3", &UNDEFINED);
+    patch_until_reset(&mut rig, "TIM3", &UNDEFINED);
     rig.run_ms(50);
     let identity = rig.identity();
     assert!(identity.crash.is_some());
     assert_eq!(identity.fault, fault);
     rig.run_ms(1_000);
     let fault = provoke_a_fault(&mut rig, 0);
-    sabotage_once(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
+    patch_until_reset(&mut rig, "DMA2_STREAM0", &ENDLESS_LOOP);
     rig.run_ms(50);
     let identity = rig.identity();
     assert_eq!(
@@ -222,11 +222,10 @@ fn latched_fault_survives_any_reset_but_not_the_power() {
 }
 
 #[test]
-fn note_is_told_once() {
-    let Some(mut rig) = Rig::after_ms(1_000) else {
-        return;
-    };
-    sabotage(&mut rig, "TIM3", &UNDEFINED);
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn crash_is_reported_once() {
+    let mut rig = Rig::after_ms(1_000);
+    patch_and_reset(&mut rig, "TIM3", &UNDEFINED);
     rig.run_ms(50);
     rig.board.reset_pin();
     rig.run_ms(50);

@@ -1,6 +1,7 @@
 //! The real firmware on the emulated board.
 //!
-//! `FIRMWARE` names its ELF; without it every test here says so on stderr and proves nothing.
+//! The tests need the ELF of the firmware, whose path is in the environment variable `FIRMWARE`:
+//! `FIRMWARE=… cargo test --release -- --include-ignored`.
 
 mod assist;
 mod boot;

@@ -1,38 +1,32 @@
-//! A board with the firmware, wired as docs/wiring.md says, and what its link tells.
+//! A board with the firmware, wired as in docs/wiring.md, and the PC at its link.
 
 use emulated_board::{Board, Pin, pin};
 use model_core::io::{Request, Sensors};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, Identity, Telemetry, ToDevice, encode};
-use std::io::Write;
 
 /// Nanoseconds in a millisecond.
 pub const MS: u64 = 1_000_000;
 /// Nanoseconds in a tick.
 pub const TICK_NS: u64 = 10 * MS;
-/// Exception number of the interrupt that ticks: DMA2 stream 0.
+/// Exception number of the tick: the interrupt of DMA2 stream 0.
 pub const TICK_EXCEPTION: usize = 16 + 56;
-/// docs/wiring.md
+/// Pin of the strain bridge.
 pub const BRIDGE: Pin = pin('C', 0);
-/// docs/wiring.md
+/// Pin of the pressure sensor.
 pub const PRESSURE: Pin = pin('C', 1);
-/// docs/wiring.md
+/// Pin of the user button.
 pub const BUTTON: Pin = pin('C', 13);
 const LINK_BAUD: u32 = 921_600;
 
-/// The voltage that an ADC reads as `count`.
+/// The voltage that the ADC converts to `count`.
 pub fn volts(count: u16) -> f64 {
     f64::from(count) * 3.3 / 4095.0
 }
 
-/// The firmware's ELF; if there is none, says so even when the test's output is captured.
-pub fn firmware() -> Option<Vec<u8>> {
-    let Some(path) = std::env::var_os("FIRMWARE") else {
-        let name = std::thread::current().name().unwrap_or("?").to_string();
-        let text = format!("SKIPPED {name}: FIRMWARE names no ELF, nothing was tested\n");
-        let _ = std::io::stderr().write_all(text.as_bytes());
-        return None;
-    };
-    Some(std::fs::read(&path).unwrap_or_else(|error| panic!("{path:?}: {error}")))
+/// The ELF of the firmware. Panics if `FIRMWARE` is not the path of a readable file.
+fn firmware() -> Vec<u8> {
+    let path = std::env::var_os("FIRMWARE").expect("FIRMWARE: the path of the firmware's ELF");
+    std::fs::read(&path).unwrap_or_else(|error| panic!("FIRMWARE: {path:?}: {error}"))
 }
 
 /// The board and the PC at its link.
@@ -40,16 +34,16 @@ pub struct Rig {
     /// The board.
     pub board: Board,
     decoder: Decoder,
-    /// Counts up with each call of [`Rig::dither`].
+    /// Count of the calls of [`Rig::dither`].
     dithers: u16,
-    /// Frames that did not decode.
+    /// Count of frames that could not be decoded.
     pub rejected: usize,
 }
 
 impl Rig {
-    /// A board at rest: no finger, no pressure; none if there is no firmware.
-    pub fn new() -> Option<Rig> {
-        let mut board = Board::new(&firmware()?).expect("an ELF for this board");
+    /// A board at rest: no finger force, no pressure.
+    pub fn new() -> Rig {
+        let mut board = Board::new(&firmware()).expect("an ELF for this board");
         board.set_link_baud(LINK_BAUD);
         board.set_level(BUTTON, Some(true));
         let mut rig = Rig {
@@ -59,25 +53,25 @@ impl Rig {
             rejected: 0,
         };
         rig.dither();
-        Some(rig)
+        rig
     }
 
-    /// A board that has run for `ms`, its sensors alive.
-    pub fn after_ms(ms: u64) -> Option<Rig> {
-        let mut rig = Rig::new()?;
+    /// A board that has run for `ms` with noise on its sensors.
+    pub fn after_ms(ms: u64) -> Rig {
+        let mut rig = Rig::new();
         rig.run_ms(ms);
-        Some(rig)
+        rig
     }
 
-    /// Sensors at rest, but not standing still: real ones are never quiet.
+    /// Sets the sensors to their values at rest with noise of one count, as real sensors have it.
     pub fn dither(&mut self) {
         self.dithers = self.dithers.wrapping_add(1);
-        let wobble = self.dithers % 3;
-        self.board.set_analog(BRIDGE, volts(2047 + wobble));
-        self.board.set_analog(PRESSURE, volts(409 + wobble));
+        let noise = self.dithers % 3;
+        self.board.set_analog(BRIDGE, volts(2047 + noise));
+        self.board.set_analog(PRESSURE, volts(409 + noise));
     }
 
-    /// Runs on, the sensors dithering each 5 ms.
+    /// Runs for `ms`, with new sensor noise every 5 ms.
     pub fn run_ms(&mut self, ms: u64) {
         let end_ns = self.board.time_ns() + ms * MS;
         while self.board.time_ns() < end_ns {
@@ -94,7 +88,7 @@ impl Rig {
         self.board.link_send(frame);
     }
 
-    /// Messages since the last call, and when each had arrived.
+    /// Messages since the last call, each with its time of arrival \[ns\].
     pub fn messages(&mut self) -> Vec<(u64, FromDevice)> {
         let mut messages = vec![];
         for received in self.board.link_receive() {
@@ -107,7 +101,7 @@ impl Rig {
         messages
     }
 
-    /// Telemetry since the last call, other messages dropped.
+    /// Telemetry since the last call; discards other messages.
     pub fn telemetry(&mut self) -> Vec<Telemetry> {
         let telemetry = |(_, message)| match message {
             FromDevice::Telemetry(telemetry) => Some(telemetry),
@@ -116,13 +110,13 @@ impl Rig {
         self.messages().into_iter().filter_map(telemetry).collect()
     }
 
-    /// The last telemetry, after 20 ms more.
+    /// Runs for 20 ms and returns the last telemetry.
     pub fn last_telemetry(&mut self) -> Telemetry {
         self.run_ms(20);
         self.telemetry().pop().expect("telemetry each tick")
     }
 
-    /// Asks who is there.
+    /// Requests the identity.
     pub fn identity(&mut self) -> Identity {
         self.messages();
         self.send(&ToDevice::Identify);
@@ -135,7 +129,7 @@ impl Rig {
         identity.expect("an answer")
     }
 
-    /// Puts a sensor reading onto the pins, and what is asked for onto the link.
+    /// Applies sensor readings to the pins, and the request to the link.
     pub fn apply(&mut self, sensors: &Sensors) {
         self.board.set_analog(BRIDGE, volts(sensors.bridge.0));
         self.board.set_analog(PRESSURE, volts(sensors.pressure.0));
@@ -146,7 +140,7 @@ impl Rig {
         }
     }
 
-    /// Panics if the board has found a mistake of the firmware.
+    /// Panics if the board has detected an error of the firmware.
     pub fn assert_no_errors(&self) {
         assert!(
             self.board.errors().is_empty(),
@@ -155,7 +149,7 @@ impl Rig {
         );
     }
 
-    /// Code of the symbol `name`.
+    /// Address of the function `name`.
     pub fn code(&self, name: &str) -> u32 {
         self.board
             .symbol(name)

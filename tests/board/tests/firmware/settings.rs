@@ -4,23 +4,23 @@ use crate::rig::{MS, Rig};
 use model_core::link::{FromDevice, SettingsSource, ToDevice, Written};
 use model_core::settings::SettingsValues;
 
-/// Where the firmware keeps its settings.
+/// Range of the settings sectors in the flash.
 const SECTORS: std::ops::Range<usize> = 0x4_0000..0x8_0000;
 
 const FLASH: u32 = 0x0800_0000;
 
-/// Settings that can be told from each other by their gain.
+/// Settings with a gain that depends on `number`.
 fn numbered(number: u32) -> SettingsValues {
     let mut values = SettingsValues::reference();
     values.gain = 10.0 + (number % 1000) as f32 * 0.01;
     values
 }
 
-/// The settings that the board says are in force.
+/// Requests the settings in force.
 fn read(rig: &mut Rig) -> SettingsValues {
     rig.messages();
     rig.send(&ToDevice::ReadSettings);
-    // a board that boots may have to erase before it answers
+    // the board may have to erase a sector before it answers
     for _ in 0..500 {
         rig.run_ms(10);
         for (_, message) in rig.messages() {
@@ -32,7 +32,7 @@ fn read(rig: &mut Rig) -> SettingsValues {
     panic!("no answer in 5 s");
 }
 
-fn written(rig: &mut Rig) -> Option<Written> {
+fn write_result(rig: &mut Rig) -> Option<Written> {
     rig.messages()
         .into_iter()
         .find_map(|(_, message)| match message {
@@ -41,7 +41,7 @@ fn written(rig: &mut Rig) -> Option<Written> {
         })
 }
 
-/// Noise (xorshift).
+/// The next pseudo-random number (xorshift).
 fn random(seed: &mut u64) -> u64 {
     *seed ^= *seed << 13;
     *seed ^= *seed >> 7;
@@ -50,14 +50,13 @@ fn random(seed: &mut u64) -> u64 {
 }
 
 #[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn settings_are_stored_and_survive_reset_and_power_cut() {
-    let Some(mut rig) = Rig::after_ms(100) else {
-        return;
-    };
+    let mut rig = Rig::after_ms(100);
     assert_eq!(read(&mut rig), SettingsValues::reference());
     rig.send(&ToDevice::WriteSettings(numbered(7)));
     rig.run_ms(500);
-    assert_eq!(written(&mut rig), Some(Written::Stored));
+    assert_eq!(write_result(&mut rig), Some(Written::Stored));
     for cut in [false, true] {
         assert_eq!(read(&mut rig), numbered(7));
         assert_eq!(rig.identity().settings, SettingsSource::Stored);
@@ -75,49 +74,51 @@ fn settings_are_stored_and_survive_reset_and_power_cut() {
 }
 
 #[test]
-fn settings_are_refused_while_assisting_and_when_they_make_no_sense() {
-    let Some(mut rig) = Rig::after_ms(1_500) else {
-        return;
-    };
-    let mut senseless = SettingsValues::reference();
-    senseless.gain = f32::NAN;
-    rig.send(&ToDevice::WriteSettings(senseless));
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn invalid_settings_and_settings_while_assisting_are_rejected() {
+    let mut rig = Rig::after_ms(1_500);
+    let mut invalid = SettingsValues::reference();
+    invalid.gain = f32::NAN;
+    rig.send(&ToDevice::WriteSettings(invalid));
     rig.run_ms(20);
-    assert_eq!(written(&mut rig), Some(Written::Invalid));
+    assert_eq!(write_result(&mut rig), Some(Written::Invalid));
     let assist = model_core::device::Command::Request(model_core::io::Request::Assist);
     rig.send(&ToDevice::Command(assist));
     rig.run_ms(50);
     rig.messages();
     rig.send(&ToDevice::WriteSettings(numbered(1)));
     rig.run_ms(20);
-    assert_eq!(written(&mut rig), Some(Written::Armed));
+    assert_eq!(write_result(&mut rig), Some(Written::Armed));
     assert_eq!(rig.board.resets(), []);
 }
 
-/// Cuts the power while settings are written, and checks that the old or the new ones are there.
-struct Cutter {
+/// Interrupts the supply while settings are written, and checks that the old or the new ones are
+/// stored.
+struct PowerCuts {
     rig: Rig,
     seed: u64,
     number: u32,
-    held: SettingsValues,
-    new_ones: usize,
-    busy: usize,
+    stored: SettingsValues,
+    /// Cuts after which the new settings are stored.
+    new_count: usize,
+    /// Cuts during a flash operation.
+    busy_count: usize,
 }
 
-impl Cutter {
-    fn new(rig: Rig, seed: u64) -> Cutter {
-        let held = SettingsValues::reference();
-        Cutter {
+impl PowerCuts {
+    fn new(rig: Rig, seed: u64) -> PowerCuts {
+        let stored = SettingsValues::reference();
+        PowerCuts {
             rig,
             seed,
             number: 0,
-            held,
-            new_ones: 0,
-            busy: 0,
+            stored,
+            new_count: 0,
+            busy_count: 0,
         }
     }
 
-    /// One cut within `window_ns` after the write is sent.
+    /// Writes settings and cuts the supply at a random time within `window_ns`.
     fn cut(&mut self, window_ns: u64) {
         self.number += 1;
         let rig = &mut self.rig;
@@ -125,63 +126,62 @@ impl Cutter {
         rig.send(&ToDevice::WriteSettings(new));
         let cut_after_ns = random(&mut self.seed) % window_ns;
         rig.board.run_for(cut_after_ns);
-        self.busy += usize::from(rig.board.is_flash_busy());
+        self.busy_count += usize::from(rig.board.is_flash_busy());
         rig.board.power_cut();
         rig.board.run_for(MS);
         rig.board.power_on();
         rig.run_ms(20);
         let values = read(rig);
-        let whole = values == new || values == self.held;
+        let intact = values == new || values == self.stored;
         assert!(
-            whole,
+            intact,
             "cut {} after {cut_after_ns} ns: gain {}",
             self.number, values.gain
         );
-        self.new_ones += usize::from(values == new);
-        self.held = values;
+        self.new_count += usize::from(values == new);
+        self.stored = values;
     }
 }
 
-/// A board whose store contains `sectors`, and who holds them.
-fn cutter(sectors: Option<&[u8]>, seed: u64) -> Option<Cutter> {
-    let mut rig = Rig::new()?;
+/// A board with the given content of the settings sectors; erased if none is given.
+fn cuts(sectors: Option<&[u8]>, seed: u64) -> PowerCuts {
+    let mut rig = Rig::new();
     if let Some(sectors) = sectors {
         rig.board.write_flash(FLASH + SECTORS.start as u32, sectors);
     }
     rig.run_ms(20);
-    let mut cutter = Cutter::new(rig, seed);
-    cutter.held = read(&mut cutter.rig);
-    Some(cutter)
+    let mut cuts = PowerCuts::new(rig, seed);
+    cuts.stored = read(&mut cuts.rig);
+    cuts
 }
 
 #[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn power_cuts_leave_the_old_or_the_new_settings() {
-    let (mut new_ones, mut busy) = (0, 0);
+    let (mut new_count, mut busy) = (0, 0);
     for round in 0..10 {
-        let Some(mut cutter) = cutter(None, 0x5eed + round) else {
-            return;
-        };
+        let mut cuts = cuts(None, 0x5eed + round);
         for _ in 0..100 {
-            cutter.cut(8 * MS);
+            cuts.cut(8 * MS);
         }
-        new_ones += cutter.new_ones;
-        busy += cutter.busy;
+        new_count += cuts.new_count;
+        busy += cuts.busy_count;
     }
-    println!("1000 cuts, {busy} in a flash operation, {new_ones} left the new settings");
-    assert!((100..900).contains(&new_ones) && busy > 100);
+    println!("1000 cuts, {busy} in a flash operation, {new_count} with the new settings stored");
+    assert!((100..900).contains(&new_count) && busy > 100);
 }
 
-/// What the store's sectors hold when its next write has to erase one.
+/// Content of the settings sectors for which the next write must erase one.
 fn store_before_an_erase(rig: &mut Rig) -> Vec<u8> {
     let store = |rig: &Rig| rig.board.flash()[SECTORS].to_vec();
     let mut before = store(rig);
     for number in 1..2_000 {
         let (erases, resets) = (rig.board.flash_erase_count(), rig.board.resets().len());
         rig.send(&ToDevice::WriteSettings(numbered(number)));
-        let give_up_ns = rig.board.time_ns() + 10_000 * MS;
+        let timeout_ns = rig.board.time_ns() + 10_000 * MS;
         while rig.board.resets().len() == resets {
             rig.run_ms(1);
-            assert!(rig.board.time_ns() < give_up_ns, "no restart after a write");
+            assert!(rig.board.time_ns() < timeout_ns, "no restart after a write");
         }
         rig.run_ms(20);
         if rig.board.flash_erase_count() > erases {
@@ -189,22 +189,21 @@ fn store_before_an_erase(rig: &mut Rig) -> Vec<u8> {
         }
         before = store(rig);
     }
-    panic!("the store never erases");
+    panic!("no write has erased a sector");
 }
 
 #[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn power_cuts_while_a_sector_is_erased_leave_the_old_or_the_new_settings() {
-    let Some(mut rig) = Rig::after_ms(20) else {
-        return;
-    };
+    let mut rig = Rig::after_ms(20);
     let before = store_before_an_erase(&mut rig);
     let mut busy = 0;
     for round in 0..100 {
-        let mut cutter = cutter(Some(&before), 0xe4a5e + round).expect("the firmware is there");
-        // an erase takes 2 s; the second cut may hit its repair
-        cutter.cut(2_100 * MS);
-        cutter.cut(2_100 * MS);
-        busy += cutter.busy;
+        let mut cuts = cuts(Some(&before), 0xe4a5e + round);
+        // an erase takes 2 s; the second cut may interrupt the recovery from the first
+        cuts.cut(2_100 * MS);
+        cuts.cut(2_100 * MS);
+        busy += cuts.busy_count;
     }
     println!("200 cuts, {busy} in a flash operation");
     assert!(busy > 50);

@@ -1,5 +1,5 @@
-//! Random use of the image that would be flashed. For the whole:
-//! `SOAK_HOURS=24 FIRMWARE=… cargo test --release --test firmware soak -- --nocapture`.
+//! Random use of the release firmware. A long run:
+//! `SOAK_HOURS=24 FIRMWARE=… cargo test --release --test firmware soak -- --ignored --nocapture`.
 
 #[path = "../../../../hil-sim/tests/board/soak.rs"]
 mod random_use;
@@ -11,23 +11,25 @@ use model_core::io::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::settings::{Settings, SettingsValues};
 
-/// Hours of the board, unless SOAK_HOURS says otherwise: half a minute.
+/// Duration in hours of board time; the environment variable SOAK_HOURS overrides it.
 const HOURS: f64 = 30.0 / 3600.0;
 
 #[test]
-fn hours_of_use_miss_no_tick() {
-    let Some(mut board) = OnBoard::new(None) else {
-        return;
-    };
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn random_use_misses_no_tick() {
+    let mut board = OnBoard::new(None);
     let hours = std::env::var("SOAK_HOURS").map_or(HOURS, |hours| hours.parse().expect("hours"));
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut ticks = 0;
     random_use::soak(hours, &settings, |sensors| {
         let output = board
-            .tick(&pins(sensors), 0, 0.0, &asked(sensors.request))
+            .tick(&pins(sensors), 0, 0.0, &request_frame(sensors.request))
             .output;
         let [telemetry] = board.telemetry[..] else {
-            panic!("tick {ticks} was told so often: {}", board.telemetry.len());
+            panic!(
+                "tick {ticks}: {} telemetries, expected 1",
+                board.telemetry.len()
+            );
         };
         ticks += 1;
         assert_eq!((telemetry.tick, telemetry.timing.missed_ticks), (ticks, 0));
@@ -45,9 +47,9 @@ fn pins(sensors: &Sensors) -> Pins {
     }
 }
 
-fn asked(request: Request) -> Vec<u8> {
+fn request_frame(request: Request) -> Vec<u8> {
     match request {
         Request::None => Vec::new(),
-        asked => frame(&ToDevice::Command(Command::Request(asked))),
+        request => frame(&ToDevice::Command(Command::Request(request))),
     }
 }

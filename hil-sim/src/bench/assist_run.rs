@@ -1,11 +1,11 @@
 //! Runs of the assist device: results, table and plots.
 
-use super::{Axis, Plot, Series, Table};
 use crate::bench::board_settings;
 use crate::bench::closed_loop::{Run, run_in_process};
 use crate::bench::tick::Tick;
 use crate::bench::tracking::{Tracking, tracking};
 use crate::error::BadInput;
+use crate::report::{Axis, Plot, Series, Table};
 use crate::rig::Rig;
 use model_core::controller::Controller;
 use model_core::settings::Settings;
@@ -82,7 +82,7 @@ impl AssistRun {
     /// The fault that the controller has latched at the end.
     pub fn fault(&self) -> Option<String> {
         let fault = self.ticks.last()?.output.fault?;
-        Some(format!("{fault:?}"))
+        Some(fault.name().into())
     }
 }
 
@@ -109,8 +109,8 @@ pub fn tracking_table(runs: &[AssistRun]) -> Table {
             format!("{:.0} N", tracking.reference_force_n_max),
             format!("{:.1} mm", 1e3 * tracking.lift_m_max),
             match modes {
-                Some((mode, None)) => format!("{mode:?}"),
-                Some((mode, Some(fault))) => format!("{mode:?}: {fault:?}"),
+                Some((mode, None)) => mode.name().into(),
+                Some((mode, Some(fault))) => format!("{}: {}", mode.name(), fault.name()),
                 None => String::new(),
             },
         ]

@@ -1,32 +1,33 @@
-//! The servo valve's voltage: DAC channel 1.
+//! The voltage of the servo valve: DAC channel 1.
 
 use crate::board::ValvePin;
 use model_core::signal::DacCount;
 use stm32f4xx_hal::pac::DAC;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
-/// The valve.
+/// The valve output.
 pub struct Valve(DAC);
 
 impl Valve {
-    /// Switches the output on, at zero volts.
+    /// Enables the output at 0 V.
     pub fn new(dac: DAC, _pin: ValvePin, rcc: &mut Rcc) -> Valve {
         DAC::enable(rcc);
         DAC::reset(rcc);
-        // Without its buffer the output reaches zero volts.
+        // With the output buffer the voltage would stay about 0.2 V above ground.
         dac.cr().write(|w| w.boff1().set_bit().en1().set_bit());
         Valve(dac)
     }
 
-    /// Sets the voltage.
+    /// Sets the output voltage.
     pub fn set(&mut self, count: DacCount) {
         self.0.dhr12r1().write(|w| w.daccdhr().set(count.get()));
     }
 }
 
-/// Zero volts, from wherever; where the DAC is not yet on, its pin is at zero volts anyway.
+/// Sets 0 V from any context, also from a fault handler. While the DAC is still disabled its pin
+/// floats, and the resistor at the amplifier holds it at 0 V.
 pub fn make_safe() {
-    // SAFETY: a single write of a register whose every value is harmless.
+    // SAFETY: a single write to a register of which every value is valid.
     #[allow(unsafe_code)]
     let dac = unsafe { DAC::steal() };
     dac.dhr12r1()

@@ -1,0 +1,252 @@
+//! Controllers that lack one safety function, to show that it is needed.
+//!
+//! The board's controller has no such switch. [`AblatedController`] composes the same steps of
+//! model-core, and between two of them widens a limit or drops a finding.
+
+use model_core::analysis::{ReadingLimits, analyse};
+use model_core::command::{Target, act};
+use model_core::controller::Control;
+use model_core::io::{Output, Sensors};
+use model_core::settings::Settings;
+use model_core::state::{Memory, Recalled, State};
+use model_core::supervisor::{Findings, Mode, decide};
+
+/// The safety functions, as docs/safety.md lists them: what keeps a single fault from hurting the
+/// person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SafetyFunction {
+    /// A reading at an end of its scale, or beyond physics, is not used.
+    SensorRange,
+    /// A reading that jumps is not used.
+    SensorStep,
+    /// A reading that stands still although it must not is not used.
+    SensorStuck,
+    /// The pressure follows its reference, below its trip level.
+    PressureWatch,
+    /// Pressure, contraction and load are in balance, within the stroke.
+    WeightWatch,
+    /// The weight's speed has a trip level.
+    SpeedTrip,
+    /// The reference moves no faster than the weight may.
+    ReferenceSpeed,
+    /// The weight is let down at a limited rate.
+    VentRamp,
+    /// Missed ticks are a fault.
+    MissedTicks,
+    /// Without a request the muscle has no pressure, and does not lift.
+    RestWatch,
+    /// Assistance begins on a muscle that is vented and still, with a lever that is let go.
+    SelfCheck,
+    /// A flipped bit is outvoted, and ends the assistance.
+    MemoryVote,
+}
+
+impl SafetyFunction {
+    /// All safety functions.
+    pub const ALL: [SafetyFunction; 12] = [
+        SafetyFunction::SensorRange,
+        SafetyFunction::SensorStep,
+        SafetyFunction::SensorStuck,
+        SafetyFunction::PressureWatch,
+        SafetyFunction::WeightWatch,
+        SafetyFunction::SpeedTrip,
+        SafetyFunction::ReferenceSpeed,
+        SafetyFunction::VentRamp,
+        SafetyFunction::MissedTicks,
+        SafetyFunction::RestWatch,
+        SafetyFunction::SelfCheck,
+        SafetyFunction::MemoryVote,
+    ];
+
+    /// The name on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            SafetyFunction::SensorRange => "SensorRange",
+            SafetyFunction::SensorStep => "SensorStep",
+            SafetyFunction::SensorStuck => "SensorStuck",
+            SafetyFunction::PressureWatch => "PressureWatch",
+            SafetyFunction::WeightWatch => "WeightWatch",
+            SafetyFunction::SpeedTrip => "SpeedTrip",
+            SafetyFunction::ReferenceSpeed => "ReferenceSpeed",
+            SafetyFunction::VentRamp => "VentRamp",
+            SafetyFunction::MissedTicks => "MissedTicks",
+            SafetyFunction::RestWatch => "RestWatch",
+            SafetyFunction::SelfCheck => "SelfCheck",
+            SafetyFunction::MemoryVote => "MemoryVote",
+        }
+    }
+
+    /// The safety function of that name, if any.
+    pub fn from_name(name: &str) -> Option<SafetyFunction> {
+        SafetyFunction::ALL
+            .into_iter()
+            .find(|function| function.name() == name)
+    }
+}
+
+/// The board's controller without one safety function.
+#[derive(Clone, Debug)]
+pub struct AblatedController {
+    memory: Memory,
+    /// None only in the test that compares this composition with the board's.
+    without: Option<SafetyFunction>,
+}
+
+impl AblatedController {
+    /// A controller that lacks `function` and begins with its self-check.
+    pub fn new(settings: Settings, function: SafetyFunction) -> AblatedController {
+        AblatedController {
+            memory: Memory::new(settings),
+            without: Some(function),
+        }
+    }
+
+    /// Without the vote the first copy counts, damaged or not.
+    fn recall(&self) -> Recalled {
+        if self.without != Some(SafetyFunction::MemoryVote) {
+            return self.memory.recall();
+        }
+        let ([values, ..], [state, ..]) =
+            (self.memory.settings.copies(), self.memory.state.copies());
+        Recalled {
+            values: *values,
+            state: *state,
+            damaged: false,
+        }
+    }
+
+    fn widen(&self, limits: &mut ReadingLimits) {
+        match self.without {
+            Some(SafetyFunction::SensorRange) => {
+                limits.adc_valid = 0..=u16::MAX;
+                limits.pressure_pa_min = f32::NEG_INFINITY;
+                limits.travel_m_min = f32::NEG_INFINITY;
+            }
+            Some(SafetyFunction::SensorStep) => {
+                limits.bridge_step_n_max = f32::INFINITY;
+                limits.pressure_step_pa_max = f32::INFINITY;
+                limits.encoder_step_m_max = f32::INFINITY;
+            }
+            Some(SafetyFunction::SensorStuck) => {
+                limits.stuck_ticks = 0;
+                limits.encoder_stuck_pa = f32::INFINITY;
+            }
+            _ => {}
+        }
+    }
+
+    fn drop_findings(&self, mode: Mode, findings: &mut Findings) {
+        match (self.without, mode) {
+            (Some(SafetyFunction::PressureWatch), _) => {
+                findings.over_pressure = false;
+                findings.pressure_astray = false;
+            }
+            (Some(SafetyFunction::WeightWatch), _) => {
+                findings.over_contraction = false;
+                findings.force_astray = false;
+            }
+            (Some(SafetyFunction::SpeedTrip), _) => findings.too_fast = false,
+            (Some(SafetyFunction::MissedTicks), _) => findings.ticks_missed = false,
+            (Some(SafetyFunction::RestWatch), Mode::SelfCheck) => findings.uncommanded = false,
+            (Some(SafetyFunction::RestWatch), _) => {
+                findings.uncommanded = false;
+                findings.unready = None;
+            }
+            (Some(SafetyFunction::SelfCheck), Mode::SelfCheck) => {
+                findings.unready = None;
+                findings.window_ticks = findings.mode_ticks;
+            }
+            _ => {}
+        }
+    }
+
+    fn release(&self, state: &mut State, target: &mut Target) {
+        match self.without {
+            Some(SafetyFunction::WeightWatch) => target.may_only_fall = false,
+            Some(SafetyFunction::ReferenceSpeed) => target.rate_pa_per_s_max = f32::MAX,
+            Some(SafetyFunction::VentRamp) if state.mode == Mode::Venting => {
+                // At the end of the ramp at once.
+                state.pressure_ref_pa = 0.0;
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Control for AblatedController {
+    fn tick(&mut self, sensors: &Sensors) -> Output {
+        let Recalled {
+            values,
+            state,
+            damaged,
+        } = self.recall();
+        let mut limits = ReadingLimits::new(&values);
+        self.widen(&mut limits);
+        let (mut state, mut findings) = analyse(&values, &limits, &state, sensors);
+        findings.memory_damaged = damaged;
+        self.drop_findings(state.mode, &mut findings);
+        let decision = decide(&values, state.mode, &findings);
+        state.apply(&values, decision);
+        let mut target = Target::new(&values, &mut state, findings.contraction);
+        self.release(&mut state, &mut target);
+        let output = act(&values, &mut state, &target);
+        self.memory.store(values, state);
+        output
+    }
+
+    fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
+    fn memory_mut(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::faults::Case;
+    use crate::faults::kind::KINDS;
+    use crate::faults::run::{run, settings};
+    use crate::faults::unit::OnPc;
+    use model_core::controller::Controller;
+
+    fn outputs(case: &Case, settings: &Settings, controller: impl Control + Clone) -> Vec<Output> {
+        let mut outputs = Vec::new();
+        let mut unit = OnPc::new(controller);
+        run(case, settings, &mut unit, |tick| outputs.push(tick.output)).expect("it runs");
+        outputs
+    }
+
+    /// What the campaign shows by leaving a function out is then true of the board's controller.
+    #[test]
+    fn composition_with_every_function_ticks_as_the_board_does() {
+        for number in 0..KINDS.len() as u64 {
+            let case = Case::new(4, number);
+            let (settings, _) = settings(&case).expect("the reference rig fits a board");
+            let complete = AblatedController {
+                memory: Memory::new(settings),
+                without: None,
+            };
+            let board = outputs(&case, &settings, Controller::new(settings));
+            let composed = outputs(&case, &settings, complete);
+            assert!(board == composed, "case {number}: {}", case.words());
+        }
+    }
+
+    #[test]
+    fn names_are_those_of_the_command_line() {
+        let names = "SensorRange SensorStep SensorStuck PressureWatch WeightWatch SpeedTrip \
+                     ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote";
+        assert!(
+            names
+                .split(' ')
+                .eq(SafetyFunction::ALL.map(SafetyFunction::name))
+        );
+        for function in SafetyFunction::ALL {
+            assert_eq!(SafetyFunction::from_name(function.name()), Some(function));
+        }
+        assert_eq!(SafetyFunction::from_name("sensorrange"), None);
+    }
+}

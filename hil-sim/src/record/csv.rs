@@ -1,0 +1,318 @@
+//! Records as CSV: reading with the line of each row, and writing.
+
+use super::{Cells, KNOWN, PRESSURE_REF_PA, Record, TIME_S, in_range};
+use crate::error::BadInput;
+use crate::output::{NotWritten, write_atomically};
+use std::path::Path;
+
+/// The longest time between two rows, and from the first to the last \[s\]. Longer times are most
+/// likely in milliseconds or microseconds, and would take hours to simulate.
+const GAP_S_MAX: f64 = 1e4;
+const LENGTH_S_MAX: f64 = 1e6;
+
+/// At most one row in this many may repeat the time of the row before.
+const REPEATED_ONE_IN: usize = 100;
+
+/// What is expected of a time that is not after `before_s`.
+fn not_after(before_s: f64, time_s: f64) -> String {
+    format!(
+        "a time after {before_s}, found {time_s} (`hil-sim import` mends clocks that repeat or \
+         restart)"
+    )
+}
+
+impl Record {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is not a record: see [`Record::parse`].
+    pub fn read(path: &Path) -> Result<Record, BadInput> {
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path)
+            .map_err(|error| BadInput::file(&name, format!("a readable CSV file, {error}")))?;
+        Record::parse(&name, &bytes)
+    }
+
+    /// Reads a record from the bytes of the file `name`.
+    ///
+    /// # Errors
+    /// The bytes are not a record, with line and column.
+    pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_reader(bytes);
+        let header = match reader.headers() {
+            Ok(header) => header.clone(),
+            Err(error) => return Err(not_csv(name, bytes, &error)),
+        };
+        let columns = columns(name, &header)?;
+        let mut record = Record {
+            file: name.into(),
+            lines: Vec::new(),
+            time_s: Vec::new(),
+            columns,
+        };
+        let mut row = csv::StringRecord::new();
+        let (mut line, mut counted) = (1, 0);
+        while reader
+            .read_record(&mut row)
+            .map_err(|error| not_csv(name, bytes, &error))?
+        {
+            let begin = row_start(bytes, row.position());
+            line += newlines(&bytes[counted..begin]);
+            counted = begin;
+            record.push(line, &row)?;
+        }
+        // The CSV reader takes everything after an unclosed quote as one cell.
+        if ends_in_quotes(bytes) {
+            return Err(BadInput {
+                line: Some(line),
+                ..BadInput::file(name, "a closing quote, found the end of the file")
+            });
+        }
+        if record.time_s.is_empty() {
+            return Err(BadInput {
+                line: Some(2),
+                ..BadInput::file(name, "at least one row of samples, found none")
+            });
+        }
+        record.spread_repeated_times()?;
+        record.check_first_reference()?;
+        Ok(record)
+    }
+
+    /// Moves the second of two rows with equal times, as a rounded clock gives them occasionally,
+    /// halfway to the next row.
+    fn spread_repeated_times(&mut self) -> Result<(), BadInput> {
+        let is_repeated = |row: &usize| self.time_s[*row] == self.time_s[*row - 1];
+        let repeated: Vec<usize> = (1..self.time_s.len()).filter(is_repeated).collect();
+        let often = repeated.len() * REPEATED_ONE_IN > self.time_s.len();
+        for row in repeated {
+            let before_s = self.time_s[row - 1];
+            match self.time_s.get(row + 1) {
+                Some(next_s) if *next_s > before_s && !often => {
+                    self.time_s[row] = 0.5 * (before_s + next_s);
+                }
+                _ => return Err(self.bad_cell(TIME_S, row, &not_after(before_s, before_s))),
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses a reference without a value in the first row.
+    fn check_first_reference(&self) -> Result<(), BadInput> {
+        match self.column(PRESSURE_REF_PA) {
+            Some([first, ..]) if first.is_nan() => {
+                let expected = "a reference in the first row, as it is held, found none";
+                Err(self.bad_cell(PRESSURE_REF_PA, 0, expected))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Adds the row on `line`.
+    fn push(&mut self, line: usize, row: &csv::StringRecord) -> Result<(), BadInput> {
+        let first_s = self.time_s.first().copied();
+        let bad = |column: &str, expected: String| BadInput {
+            file: self.file.clone(),
+            line: Some(line),
+            place: Some(format!("column `{column}`")),
+            expected,
+        };
+        for (column, cell) in self.columns.iter_mut().zip(row) {
+            match column {
+                None => {
+                    let time_s = number(TIME_S, cell).map_err(|why| bad(TIME_S, why))?;
+                    let before_s = self.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+                    if time_s.is_nan() {
+                        return Err(bad(TIME_S, "a time in every row, found none".into()));
+                    }
+                    if time_s < before_s {
+                        return Err(bad(TIME_S, not_after(before_s, time_s)));
+                    }
+                    if first_s.is_some() && time_s - before_s > GAP_S_MAX {
+                        let why = format!(
+                            "seconds, at most {GAP_S_MAX} from row to row, found {before_s} and \
+                             then {time_s}"
+                        );
+                        return Err(bad(TIME_S, why));
+                    }
+                    if first_s.is_some_and(|first_s| time_s - first_s > LENGTH_S_MAX) {
+                        let why = format!("seconds, at most {LENGTH_S_MAX} in all, found more");
+                        return Err(bad(TIME_S, why));
+                    }
+                    self.time_s.push(time_s);
+                }
+                Some((name, Cells::Numbers(values))) => {
+                    values.push(number(name, cell).map_err(|why| bad(name, why))?);
+                }
+                Some((_, Cells::Text(values))) => values.push(cell.into()),
+            }
+        }
+        self.lines.push(line as u32);
+        Ok(())
+    }
+
+    /// The record as CSV: the shortest decimals that read back as the same numbers.
+    pub fn to_csv(&self) -> Vec<u8> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        let names = self.columns.iter().map(|column| match column {
+            None => TIME_S,
+            Some((name, _)) => name,
+        });
+        let mut text = String::new();
+        let mut rows = csv::StringRecord::from_iter(names);
+        // Writing to memory cannot fail.
+        let _ = writer.write_record(&rows);
+        for (row, time_s) in self.time_s.iter().enumerate() {
+            rows.clear();
+            for column in &self.columns {
+                text.clear();
+                match column {
+                    None => text.push_str(&time_s.to_string()),
+                    Some((_, Cells::Numbers(values))) if values[row].is_nan() => {}
+                    Some((_, Cells::Numbers(values))) => text.push_str(&values[row].to_string()),
+                    Some((_, Cells::Text(values))) => text.push_str(&values[row]),
+                }
+                rows.push_field(&text);
+            }
+            let _ = writer.write_record(&rows);
+        }
+        writer.into_inner().unwrap_or_default()
+    }
+
+    /// Writes the record to `path` atomically.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), NotWritten> {
+        write_atomically(path, &self.to_csv())
+    }
+}
+
+/// The columns of a header, empty.
+fn columns(
+    file: &str,
+    header: &csv::StringRecord,
+) -> Result<Vec<Option<(String, Cells)>>, BadInput> {
+    let bad = |expected: String| BadInput {
+        line: Some(1),
+        ..BadInput::file(file, expected)
+    };
+    let mut columns: Vec<Option<(String, Cells)>> = Vec::new();
+    for (place, name) in header.iter().enumerate() {
+        if name.is_empty() {
+            return Err(bad(format!("a name for column {}, found none", place + 1)));
+        }
+        if header.iter().take(place).any(|before| before == name) {
+            return Err(bad(format!("each column once, found `{name}` again")));
+        }
+        columns.push(match name {
+            TIME_S => None,
+            _ if KNOWN.iter().any(|(known, ..)| *known == name) => {
+                Some((name.into(), Cells::Numbers(Vec::new())))
+            }
+            _ => Some((name.into(), Cells::Text(Vec::new()))),
+        });
+    }
+    if columns.iter().all(Option::is_some) {
+        return Err(bad(
+            "a header line with a column `time_s`, found none".into()
+        ));
+    }
+    Ok(columns)
+}
+
+/// The value of a known column's cell: a number in its range, or NaN if the cell is empty.
+///
+/// # Errors
+/// What was expected.
+fn number(column: &str, cell: &str) -> Result<f64, String> {
+    if cell.is_empty() {
+        return Ok(f64::NAN);
+    }
+    match cell.parse::<f64>() {
+        Ok(value) if value.is_finite() => in_range(column, value),
+        _ => Err(format!("a number or an empty cell, found `{cell}`")),
+    }
+}
+
+/// The offset at which a row begins: after the blank lines at the reader's `position`.
+pub(crate) fn row_start(bytes: &[u8], position: Option<&csv::Position>) -> usize {
+    let from = position.map_or(0, |position| position.byte() as usize);
+    let rest = bytes.get(from..).unwrap_or_default();
+    let blank = rest.iter().take_while(|byte| matches!(byte, b'\r' | b'\n'));
+    from.min(bytes.len()) + blank.count()
+}
+
+/// Number of line feeds in `bytes`.
+pub(crate) fn newlines(bytes: &[u8]) -> usize {
+    bytes.iter().filter(|byte| **byte == b'\n').count()
+}
+
+/// Whether a quote that opens a cell is never closed. A quote within a cell has no meaning.
+fn ends_in_quotes(bytes: &[u8]) -> bool {
+    let (mut open, mut may_open) = (false, true);
+    for byte in bytes {
+        if open {
+            // A quote directly after the closing one is the second of an escaped pair.
+            open = *byte != b'"';
+            may_open = !open;
+        } else {
+            open = may_open && *byte == b'"';
+            may_open = matches!(byte, b',' | b'\r' | b'\n');
+        }
+    }
+    open
+}
+
+/// The error of the CSV reader as bad input.
+fn not_csv(file: &str, bytes: &[u8], error: &csv::Error) -> BadInput {
+    let line = error
+        .position()
+        .map(|position| 1 + newlines(&bytes[..row_start(bytes, Some(position))]));
+    let expected = match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => {
+            format!("{expected_len} cells as in the header, found {len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => "text in UTF-8, found other bytes".into(),
+        _ => format!("CSV, {error}"),
+    };
+    BadInput {
+        line: Some(line.unwrap_or(1)),
+        ..BadInput::file(file, expected)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::CONTRACTION;
+
+    #[test]
+    fn a_record_reads_back_as_it_was_written() {
+        let text = "note,contraction,time_s,pressure_pa\n\"a, b\",0.1,0,\n,,0.01,1e5\n";
+        let record = Record::parse("x.csv", text.as_bytes()).expect("a record");
+        assert_eq!(record.time_s(), [0.0, 0.01]);
+        let contraction = record.column(CONTRACTION).expect("the column");
+        assert!(contraction[0] == 0.1 && contraction[1].is_nan());
+        assert!(record.column("note").is_none());
+        let written = String::from_utf8(record.to_csv()).expect("text");
+        assert_eq!(
+            written,
+            "note,contraction,time_s,pressure_pa\n\"a, b\",0.1,0,\n,,0.01,100000\n"
+        );
+    }
+
+    #[test]
+    fn a_byte_order_mark_and_carriage_returns_are_ignored() {
+        let record = Record::parse("x.csv", b"\xef\xbb\xbftime_s , contraction\r\n 0 , 0.1\r\n");
+        assert_eq!(
+            record.expect("a record").column(CONTRACTION),
+            Some(&[0.1][..])
+        );
+    }
+}

@@ -1,0 +1,257 @@
+//! Analysis of a tick's sensors: which readings are plausible, whether they are consistent, and what
+//! the supervisor has to know. It has no effect but on the state that it returns.
+
+use crate::io::{Request, Sensors};
+use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};
+use crate::number::Number;
+use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
+use crate::settings::SettingsValues;
+use crate::signal::AdcCount;
+use crate::state::State;
+use crate::supervisor::{Fault, Findings, Mode};
+use core::ops::RangeInclusive;
+
+/// Limits of plausible readings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadingLimits {
+    /// Plausible counts of the bridge and of the pressure sensor.
+    pub adc_valid: RangeInclusive<u16>,
+    /// Lowest plausible pressure, gauge \[Pa\].
+    pub pressure_pa_min: f32,
+    /// Lowest plausible travel of the muscle from home \[m\].
+    pub travel_m_min: f32,
+    /// Largest change of the finger force in a tick \[N\].
+    pub bridge_step_n_max: f32,
+    /// Largest change of the pressure in a tick \[Pa\].
+    pub pressure_step_pa_max: f32,
+    /// Largest travel in a tick \[m\].
+    pub encoder_step_m_max: f32,
+    /// So many equal readings of an ADC in a row are a standstill; 0: never.
+    pub stuck_ticks: u16,
+    /// Largest pressure change, off the stop, without a count from the encoder \[Pa\].
+    pub encoder_stuck_pa: f32,
+}
+
+impl ReadingLimits {
+    /// The limits that follow from a rig's settings.
+    pub fn new(values: &SettingsValues) -> ReadingLimits {
+        ReadingLimits {
+            adc_valid: ADC_VALID,
+            pressure_pa_min: PRESSURE_PA_MIN,
+            travel_m_min: -STOP_CONTRACTION * values.muscle.initial_length_m,
+            bridge_step_n_max: values.bridge_step_n_max,
+            pressure_step_pa_max: values.pressure_step_pa_max,
+            encoder_step_m_max: values.encoder_step_m_max,
+            stuck_ticks: values.stuck_ticks,
+            encoder_stuck_pa: values.encoder_stuck_pa,
+        }
+    }
+}
+
+/// The state with the new readings, and the findings for the supervisor.
+///
+/// The memory's condition is not analysed here: `memory_damaged` is false.
+pub fn analyse(
+    values: &SettingsValues,
+    limits: &ReadingLimits,
+    state: &State,
+    sensors: &Sensors,
+) -> (State, Findings) {
+    let (mut next, statuses) = read(values, limits, state, sensors);
+    take_experiment_request(&mut next, &statuses, sensors.request);
+    let unready = match state.mode {
+        Mode::SelfCheck => check_window(values, &mut next, &statuses, sensors),
+        _ => check_rest(values, &mut next),
+    };
+    check_consistency(values, &mut next, sensors);
+    let findings = findings(values, &next, &statuses, unready, sensors);
+    (next, findings)
+}
+
+/// Status of the bridge, the pressure sensor and the encoder.
+type Statuses = [SensorStatus; 3];
+
+/// The state with the new readings, and the sensors' statuses.
+fn read(
+    values: &SettingsValues,
+    limits: &ReadingLimits,
+    state: &State,
+    sensors: &Sensors,
+) -> (State, Statuses) {
+    let mut next = *state;
+    // Missed ticks widen the bounds of plausible readings, not those of the command.
+    let ticks = 1.0 + sensors.missed_ticks as f32;
+    let bounds = |count: AdcCount, step_max: f32| Bounds {
+        out_of_range: !limits.adc_valid.contains(&count.0),
+        at_standstill: false,
+        step_max,
+        stuck_ticks: limits.stuck_ticks,
+        suspect_ticks: values.suspect_ticks,
+        ticks,
+    };
+    let (count, bridge_n) = (sensors.bridge, values.bridge.value(sensors.bridge));
+    let bridge_bounds = bounds(count, limits.bridge_step_n_max);
+    let (bridge, bridge_status) = state.bridge.next(count.0.into(), bridge_n, &bridge_bounds);
+
+    let count = sensors.pressure;
+    let pressure_pa = values.pressure_sensor.value(count);
+    let mut pressure_bounds = bounds(count, limits.pressure_step_pa_max);
+    pressure_bounds.out_of_range |= pressure_pa < limits.pressure_pa_min;
+    let (pressure, pressure_status) =
+        state
+            .pressure
+            .next(count.0.into(), pressure_pa, &pressure_bounds);
+
+    let travel = sensors.encoder.since(state.home);
+    let travel_m = travel as f32 * values.encoder_m_per_count;
+    let moved = sensors.encoder.since(state.moved_to).unsigned_abs() > FLICKER_COUNTS;
+    let encoder_bounds = Bounds {
+        // Home is not known before the self-check has found it.
+        out_of_range: state.mode != Mode::SelfCheck && travel_m < limits.travel_m_min,
+        at_standstill: !moved && stands_still(values, limits, state, pressure.value(), travel_m),
+        step_max: limits.encoder_step_m_max,
+        stuck_ticks: 0,
+        suspect_ticks: values.suspect_ticks,
+        ticks,
+    };
+    let (encoder, encoder_status) =
+        state
+            .encoder
+            .next(sensors.encoder.0, travel_m, &encoder_bounds);
+    if moved || state.mode == Mode::SelfCheck {
+        next.moved_to = sensors.encoder;
+        next.moved_at_pa = pressure.value();
+    }
+    next.bridge = bridge;
+    next.pressure = pressure;
+    next.encoder = encoder;
+    (next, [bridge_status, pressure_status, encoder_status])
+}
+
+/// True if the pressure has changed by more than static friction can hold since the encoder moved.
+/// On its stop the weight rests until it is lifted, which the force balance detects; an encoder
+/// with play does not return to the same count there.
+fn stands_still(
+    values: &SettingsValues,
+    limits: &ReadingLimits,
+    state: &State,
+    pressure_pa: f32,
+    travel_m: f32,
+) -> bool {
+    let on_stop = travel_m < STOP_CONTRACTION * values.muscle.initial_length_m;
+    // A pressure that does not follow its reference says nothing about the encoder.
+    if on_stop || !state.follower.is_calm() {
+        return false;
+    }
+    libm::fabsf(pressure_pa - state.moved_at_pa) > limits.encoder_stuck_pa
+}
+
+/// Takes over an experiment's request. On a suspect reading the pressure may only fall.
+fn take_experiment_request(next: &mut State, statuses: &Statuses, request: Request) {
+    next.silent_ticks = next.silent_ticks.saturating_add(1);
+    if let Request::Play(pressure_pa) = request {
+        next.played_pa = pressure_pa as f32;
+        next.silent_ticks = 0;
+    }
+    if statuses.contains(&SensorStatus::Suspect) {
+        next.played_pa = next.played_pa.at_most(next.pressure_ref_pa);
+    }
+}
+
+/// Extends the self-check's window of undisturbed ticks or restarts it; returns the disturbance.
+fn check_window(
+    values: &SettingsValues,
+    next: &mut State,
+    statuses: &Statuses,
+    sensors: &Sensors,
+) -> Option<Fault> {
+    let bridge_n = next.bridge.value();
+    let moved = sensors.encoder.since(next.home).unsigned_abs() > FLICKER_COUNTS;
+    let disturbance = if next.pressure.value() > values.vented_pa {
+        Some(Fault::NotVented)
+    } else if libm::fabsf(bridge_n) > values.tare_n_max {
+        Some(Fault::LoadedLever)
+    } else if moved || statuses.contains(&SensorStatus::Suspect) {
+        Some(Fault::NotStill)
+    } else {
+        None
+    };
+    if disturbance.is_some() {
+        next.window_ticks = 0;
+        next.window_sum_n = 0.0;
+        next.home = sensors.encoder;
+        next.encoder = SensorMonitor::default();
+    } else {
+        next.window_ticks = next.window_ticks.saturating_add(1);
+        next.window_sum_n += bridge_n;
+    }
+    disturbance
+}
+
+/// Detects whether a muscle that waits for a request has pressure, or has lifted.
+fn check_rest(values: &SettingsValues, next: &mut State) -> Option<Fault> {
+    let lifted = contraction(values, next) > STOP_CONTRACTION;
+    let has_pressure = next.pressure.value() > values.vented_pa;
+    let disturbed = next.mode == Mode::Ready && (lifted || has_pressure);
+    next.uncommanded.add(disturbed, values.suspect_ticks);
+    disturbed.then_some(Fault::Uncommanded)
+}
+
+/// Compares the readings with each other and with the reference.
+fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensors) {
+    let (pressure_pa, missed) = (next.pressure.value(), sensors.missed_ticks > 0);
+    if next.mode == Mode::SelfCheck {
+        (next.follower, next.balance) = Default::default();
+        return;
+    }
+    let reference_pa = next.pressure_ref_pa;
+    next.follower = next.follower.next(values, reference_pa, pressure_pa);
+    let contraction = contraction(values, next);
+    next.balance = next.balance.next(values, contraction, pressure_pa, missed);
+}
+
+/// ε \[-\], from home.
+fn contraction(values: &SettingsValues, state: &State) -> f32 {
+    state.encoder.value() / values.muscle.initial_length_m
+}
+
+fn findings(
+    values: &SettingsValues,
+    next: &State,
+    statuses: &Statuses,
+    unready: Option<Fault>,
+    sensors: &Sensors,
+) -> Findings {
+    let [bridge, pressure, encoder] = *statuses;
+    let pressure_pa = next.pressure.value();
+    let contraction = contraction(values, next);
+    let pressure_failed = matches!(next.fault, Some(Fault::Pressure(_)))
+        || matches!(pressure, SensorStatus::Failed(_));
+    let empty = if pressure_failed {
+        next.empty_ticks >= EMPTIED_TICKS
+    } else {
+        pressure_pa <= values.vented_pa
+    };
+    Findings {
+        bridge,
+        pressure,
+        encoder,
+        contraction,
+        request: sensors.request,
+        vented: next.pressure_ref_pa == 0.0 && empty,
+        unready,
+        mode_ticks: next.mode_ticks,
+        window_ticks: next.window_ticks,
+        silent_ticks: next.silent_ticks,
+        awaits_reading: next.awaits_reading,
+        latched: next.fault.is_some(),
+        memory_damaged: false,
+        over_pressure: pressure_pa > values.pressure_trip_pa,
+        over_contraction: contraction > values.contraction_trip,
+        ticks_missed: sensors.missed_ticks > values.missed_ticks_max,
+        uncommanded: next.uncommanded.is_full(values.suspect_ticks),
+        pressure_astray: next.follower.has_failed(values),
+        too_fast: next.balance.is_too_fast(),
+        force_astray: next.balance.has_failed(values),
+    }
+}

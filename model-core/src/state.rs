@@ -1,0 +1,175 @@
+//! What a controller remembers from tick to tick, protected from flipped bits.
+
+use crate::compensation::CompensationState;
+use crate::consistency::{ForceBalance, PressureFollower};
+use crate::number::Number;
+use crate::plausibility::{SensorMonitor, Tally};
+use crate::settings::{Settings, SettingsValues};
+use crate::signal::EncoderCount;
+use crate::supervisor::{Decision, Fault, Mode};
+use crate::voted::Voted;
+use serde::{Deserialize, Serialize};
+
+/// What a controller remembers from tick to tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// The mode.
+    pub mode: Mode,
+    /// Ticks in this mode; the count saturates.
+    pub mode_ticks: u16,
+    /// The latched fault.
+    pub fault: Option<Fault>,
+    /// Ticks for which the valve has been vented; the count saturates.
+    pub empty_ticks: u16,
+    /// P_r \[Pa\] as commanded by the last tick.
+    pub pressure_ref_pa: f32,
+    /// The reference has met the assist law: from then on it may move fast.
+    pub engaged: bool,
+    /// Holding only until a suspect reading is good again.
+    pub awaits_reading: bool,
+    /// The bridge's reading without a finger \[N\].
+    pub tare_n: f32,
+    /// The encoder's count at the stop, ε = 0.
+    pub home: EncoderCount,
+    /// Undisturbed ticks of the self-check, and the sum of the bridge's readings \[N\] over them.
+    pub window_ticks: u16,
+    /// See `window_ticks`.
+    pub window_sum_n: f32,
+    /// The encoder's count, and the pressure \[Pa\], when it last moved by more than flicker.
+    pub moved_to: EncoderCount,
+    /// See `moved_to`.
+    pub moved_at_pa: f32,
+    /// P_r \[Pa\] that an experiment requested last, and ticks since then (the count saturates).
+    pub played_pa: f32,
+    /// See `played_pa`.
+    pub silent_ticks: u8,
+    /// Ticks in which the muscle had pressure, or had lifted, without a request.
+    pub uncommanded: Tally,
+    /// Monitor of the strain-gauge bridge \[N\].
+    pub bridge: SensorMonitor,
+    /// Monitor of the pressure sensor \[Pa\].
+    pub pressure: SensorMonitor,
+    /// Monitor of the encoder \[m\], from home.
+    pub encoder: SensorMonitor,
+    /// Compares the pressure with its reference.
+    pub follower: PressureFollower,
+    /// Compares the muscle's force with the weight's.
+    pub balance: ForceBalance,
+    /// State of the compensation.
+    pub compensation: CompensationState,
+}
+
+impl State {
+    /// Carries out `decision`: begins another mode, or counts one more tick of this one.
+    pub fn apply(&mut self, values: &SettingsValues, decision: Decision) {
+        match decision {
+            Decision::Stay => self.mode_ticks = self.mode_ticks.saturating_add(1),
+            Decision::Go(mode) => self.enter(values, mode),
+            Decision::AwaitReading => {
+                self.enter(values, Mode::Holding);
+                self.awaits_reading = true;
+            }
+            Decision::Fail(fault) => {
+                self.fault = Some(fault);
+                if self.mode != Mode::Venting {
+                    self.enter(values, Mode::Venting);
+                }
+            }
+        }
+    }
+
+    /// Begins `mode`.
+    fn enter(&mut self, values: &SettingsValues, mode: Mode) {
+        match (self.mode, mode) {
+            (Mode::SelfCheck, Mode::Ready) => {
+                self.tare_n = self.window_sum_n / self.window_ticks.max(1) as f32;
+            }
+            // From the measured pressure on, slowly until the assist law is met.
+            (Mode::Ready, Mode::Assisting) => {
+                self.pressure_ref_pa = self.pressure.value();
+                self.engaged = false;
+            }
+            // After a requested hold the assist law may be far away; after a suspect reading not.
+            (Mode::Holding, Mode::Assisting) => {
+                self.engaged = self.engaged && self.awaits_reading;
+            }
+            // As after power-on.
+            (_, Mode::SelfCheck) => *self = State::default(),
+            _ => {}
+        }
+        self.awaits_reading = false;
+        self.compensation.restart_lead();
+        self.mode = mode;
+        self.mode_ticks = 0;
+        self.pressure_ref_pa = limited_pa(values, self.pressure_ref_pa);
+    }
+}
+
+/// A reference within its limits; zero for NaN.
+pub(crate) fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
+    if pressure_pa.is_nan() {
+        0.0
+    } else {
+        pressure_pa.at_least(0.0).at_most(values.pressure_pa_max)
+    }
+}
+
+/// Settings and state, each in three copies: a flipped bit is outvoted and detected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Memory {
+    /// Values of settings that were valid when they were stored here.
+    pub settings: Voted<SettingsValues>,
+    /// The state after the last tick.
+    pub state: Voted<State>,
+}
+
+/// What a tick reads from [`Memory`].
+#[derive(Clone, Copy, Debug)]
+pub struct Recalled {
+    /// The settings' values.
+    pub values: SettingsValues,
+    /// The state after the last tick.
+    pub state: State,
+    /// A copy differed from the others.
+    pub damaged: bool,
+}
+
+impl Memory {
+    /// A memory with these settings and the state at power-on.
+    pub fn new(settings: Settings) -> Memory {
+        Memory {
+            settings: Voted::new(*settings.values()),
+            state: Voted::new(State::default()),
+        }
+    }
+
+    /// Settings and state by majority. Without a majority nothing is known and the state is that
+    /// of a controller that vents.
+    pub fn recall(&self) -> Recalled {
+        let has_majority = self.settings.has_majority() && self.state.has_majority();
+        let state = if has_majority {
+            *self.state.get()
+        } else {
+            State {
+                mode: Mode::Venting,
+                ..State::default()
+            }
+        };
+        Recalled {
+            values: *self.settings.get(),
+            state,
+            damaged: !(self.settings.is_intact() && self.state.is_intact()),
+        }
+    }
+
+    /// Writes all copies, which repairs a damaged one.
+    pub fn store(&mut self, values: SettingsValues, state: State) {
+        self.settings.set(values);
+        self.state.set(state);
+    }
+
+    /// Returns to the state at power-on, with the same settings.
+    pub fn restart(&mut self) {
+        self.store(*self.settings.get(), State::default());
+    }
+}
