@@ -6,6 +6,7 @@
 mod cmd;
 
 use clap::{Parser, Subcommand};
+use cmd::Failure;
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -62,9 +63,6 @@ enum Command {
     /// Shell completions
     Completions(cmd::completions::Args),
 }
-
-/// Why a command ended early.
-type Failure = hil_sim::bench::error::Error;
 
 fn main() -> ExitCode {
     let result = match Cli::parse().command {

@@ -1,6 +1,6 @@
 //! Which board a command talks to.
 
-use crate::Failure;
+use super::Failure;
 use hil_sim::bench::port::client::{Client, LinkError, Transport};
 use hil_sim::bench::port::emulated::{self, Emulated};
 #[cfg(feature = "serial")]

@@ -1,6 +1,6 @@
 //! `hil-sim check`.
 
-use crate::Failure;
+use super::Failure;
 use hil_sim::record::Record;
 use hil_sim::record::check::{Check, Finding, Sampling, Signal, Subsystem, check};
 use hil_sim::report::{Report, Section, Table};

@@ -1,6 +1,6 @@
 //! `hil-sim compensate`.
 
-use crate::Failure;
+use super::Failure;
 use hil_sim::bench::assist_run::{AssistRun, assist_plots};
 use hil_sim::bench::compensate::{Compensated, Corners, OFF_BY, Part, Quality, SPAN_S, compensate};
 use hil_sim::bench::settings_file;

@@ -1,6 +1,6 @@
 //! `hil-sim completions SHELL`.
 
-use crate::Failure;
+use super::Failure;
 use clap::CommandFactory;
 use clap_complete::{Shell, generate};
 

@@ -1,7 +1,7 @@
 //! `hil-sim design`.
 
 use super::Common;
-use crate::Failure;
+use super::Failure;
 use hil_sim::design::report::{Question, design_report};
 
 /// The flow gain a valve must have, and how stiff the input may be

@@ -1,7 +1,7 @@
 //! `hil-sim diagnose`.
 
+use super::Failure;
 use super::Progress;
-use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::identify::diagnosis::diagnose;
 use hil_sim::identify::report;

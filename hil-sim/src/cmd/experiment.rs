@@ -1,7 +1,7 @@
 //! `hil-sim experiment`.
 
+use super::Failure;
 use super::between;
-use crate::Failure;
 use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;

@@ -1,7 +1,7 @@
 //! `hil-sim faults`.
 
+use super::Failure;
 use super::{Common, Progress, print};
-use crate::Failure;
 use hil_sim::bench::recorder::Recorder;
 use hil_sim::error::BadInput;
 use hil_sim::faults::ablation::SafetyFunction;

@@ -1,11 +1,11 @@
 //! `hil-sim hil`.
 
 use super::Common;
+use super::Failure;
 use super::board::{Connected, connect, in_words};
 use super::run::Scenario;
 #[cfg(feature = "terminal")]
 use super::screen;
-use crate::Failure;
 use hil_sim::bench::assist_run::{AssistRun, assist_plots, tracking_table};
 use hil_sim::bench::board_report::BoardReport;
 use hil_sim::bench::board_settings::{ensure, ensure_from_rig};

@@ -1,6 +1,6 @@
 //! `hil-sim import`.
 
-use crate::Failure;
+use super::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};

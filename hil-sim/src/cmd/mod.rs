@@ -21,7 +21,6 @@ pub mod screen;
 pub mod settings;
 pub mod simulate;
 
-use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, write_atomically};
 use hil_sim::report::Report;
@@ -29,6 +28,9 @@ use hil_sim::rig::Rig;
 use progress::Progress;
 use serde::Serialize;
 use std::path::PathBuf;
+
+/// Why a command ended early.
+pub type Failure = hil_sim::bench::error::Error;
 
 /// Which rig, and where results go.
 #[derive(clap::Args)]

@@ -1,7 +1,7 @@
 //! `hil-sim paper`.
 
 use super::Common;
-use crate::Failure;
+use super::Failure;
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::tick::record;
 use hil_sim::paper::paper;

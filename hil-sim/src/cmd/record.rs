@@ -1,8 +1,8 @@
 //! `hil-sim record`.
 
+use super::Failure;
 use super::board::{Connected, connect, in_words};
 use super::hil::{no_words, words_at_tenths};
-use crate::Failure;
 use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::hil::{self, Job};

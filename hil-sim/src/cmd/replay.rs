@@ -1,7 +1,7 @@
 //! `hil-sim replay`.
 
+use super::Failure;
 use super::board::{connect, in_words};
-use crate::Failure;
 use hil_sim::bench::replay::{Inputs, OnBoard, OnPc, Replay, replay};
 use hil_sim::record::Record;
 use hil_sim::record::mcap;

@@ -1,6 +1,6 @@
 //! `hil-sim rig`.
 
-use crate::Failure;
+use super::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::output::write_atomically;
 use hil_sim::rig::Rig;

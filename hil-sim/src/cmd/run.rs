@@ -1,7 +1,7 @@
 //! `hil-sim run`.
 
+use super::Failure;
 use super::{Common, Progress, between};
-use crate::Failure;
 use hil_sim::bench::assist_run::{AssistRun, assist, assist_plots, tracking_table};
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::person::{CHECKED_S, Finger};

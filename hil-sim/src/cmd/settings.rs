@@ -1,7 +1,7 @@
 //! `hil-sim settings`.
 
+use super::Failure;
 use super::board::connect;
-use crate::Failure;
 use hil_sim::bench::settings_file;
 use hil_sim::output::write_atomically;
 use std::path::PathBuf;

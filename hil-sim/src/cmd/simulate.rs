@@ -1,7 +1,7 @@
 //! `hil-sim simulate`.
 
+use super::Failure;
 use super::{Progress, between};
-use crate::Failure;
 use hil_sim::error::BadInput;
 use hil_sim::identify::gap;
 use hil_sim::identify::simulate::{self, simulate_with};
