@@ -28,8 +28,10 @@
 //! | `contraction-sensor-offset` | `offset` | reading less contraction |
 
 mod case;
+pub mod drawn;
 mod drive;
 mod effects;
+mod family;
 mod hidden;
 mod live;
 mod machine;
@@ -41,6 +43,7 @@ mod tests;
 pub use case::{Case, Kind, Plan, Planned, case, experiment, plan};
 pub use drive::Drive;
 pub use effects::{CATALOGUE, Entry, Form};
+pub use family::Family;
 pub use hidden::Reading;
 pub use live::{Hiding, Seen};
 pub use record::{Sensor, Sensors};
