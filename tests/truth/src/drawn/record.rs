@@ -87,7 +87,7 @@ impl Run {
     pub(crate) fn simulate(&mut self, rig: &Rig, effects: &[&dyn Hidden]) -> Vec<Reading> {
         let finger = self.finger.take();
         let mut written = self.reference_pa.clone();
-        let readings = self.follow(rig, effects, |row, reading| {
+        let readings = self.follow(rig, effects, 1.0, |row, reading| {
             if let Some(finger) = &finger {
                 written[row] = finger.reference_pa(self.times_s[row], reading);
             }
@@ -99,13 +99,24 @@ impl Run {
 
     /// The same with the references as they are.
     pub(crate) fn repeat(&self, rig: &Rig, effects: &[&dyn Hidden]) -> Vec<Reading> {
-        self.follow(rig, effects, |row, _| self.reference_pa[row])
+        self.repeat_within(rig, effects, 1.0)
+    }
+
+    /// The same with errors of integration `tolerance` times as large as usual.
+    pub(crate) fn repeat_within(
+        &self,
+        rig: &Rig,
+        effects: &[&dyn Hidden],
+        tolerance: f64,
+    ) -> Vec<Reading> {
+        self.follow(rig, effects, tolerance, |row, _| self.reference_pa[row])
     }
 
     fn follow(
         &self,
         rig: &Rig,
         effects: &[&dyn Hidden],
+        tolerance: f64,
         mut reference_pa: impl FnMut(usize, &Reading) -> f64,
     ) -> Vec<Reading> {
         let shut_off = ShutOff(self);
@@ -117,6 +128,7 @@ impl Run {
         let start_s = self.times_s[0];
         let start_pa = self.reference_pa[0];
         let mut machine = Machine::at_rest(rig, &parts, start_s - REST_S, start_pa);
+        machine.set_tolerance(tolerance);
         machine.advance(start_s, start_pa);
         machine.settle();
         let mut line = Line {

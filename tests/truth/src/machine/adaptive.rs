@@ -21,6 +21,8 @@ const EFFECT_SIZE: f64 = 1.0e-4;
 /// What one step leaves to the next.
 pub(super) struct Pace {
     step_s: f64,
+    /// Errors allowed, over the usual ones.
+    tolerance: f64,
     /// Largest magnitude so far of each of the effects' states.
     size: State,
 }
@@ -29,12 +31,18 @@ impl Default for Pace {
     fn default() -> Self {
         Self {
             step_s: 1.0e-4,
+            tolerance: 1.0,
             size: [EFFECT_SIZE; STATES],
         }
     }
 }
 
 impl Machine<'_> {
+    /// Allows errors `tolerance` times as large as usual.
+    pub(crate) fn set_tolerance(&mut self, tolerance: f64) {
+        self.pace.tolerance = tolerance;
+    }
+
     fn states(&self) -> usize {
         self.hidden.last().map_or(OWN, |(.., to)| *to)
     }
@@ -63,7 +71,7 @@ impl Machine<'_> {
                 RATE => RATE_ERROR,
                 _ => EFFECT_ERROR * self.pace.size[i].max(x[i].abs()),
             };
-            worst = worst.max(error / allowed);
+            worst = worst.max(error / (allowed * self.pace.tolerance));
         }
         (x, if worst.is_nan() { f64::INFINITY } else { worst })
     }

@@ -516,29 +516,32 @@ fn slip_count(size: f64) -> usize {
     2 + (4.0 * size) as usize
 }
 
+/// How fast the encoder's reading follows while it does \[1/s\].
+const FOLLOWED_PER_S: f64 = 400.0;
+
 /// The reading of the contraction stands still now and then.
 #[derive(Serialize)]
 struct FrozenReading {
     moments: Moments,
 }
 
-/// States: the last reading that came through, and whether one has.
+/// State: the reading.
 impl Hidden for FrozenReading {
+    fn commits(&self) -> bool {
+        false
+    }
     fn states(&self) -> usize {
         1
     }
     fn settle(&self, now: &Moment, x: &mut [f64]) {
         x[0] = now.contraction;
     }
-    fn commit(&self, now: &Moment, x: &mut [f64]) {
-        if self.moments.part(now.time_s).is_none() {
-            x[0] = now.contraction;
-        }
+    fn load(&self, _: &mut Load, now: &Moment, x: &[f64], dx: &mut [f64]) {
+        let follows = self.moments.part(now.time_s).is_none();
+        dx[0] = f64::from(u8::from(follows)) * FOLLOWED_PER_S * (now.contraction - x[0]);
     }
-    fn read(&self, reading: &mut Reading, now: &Moment, x: &[f64]) {
-        if self.moments.part(now.time_s).is_some() {
-            reading.contraction = x[0];
-        }
+    fn read(&self, reading: &mut Reading, _: &Moment, x: &[f64]) {
+        reading.contraction = x[0];
     }
 }
 
