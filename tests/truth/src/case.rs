@@ -360,6 +360,7 @@ pub fn case(seed: u64, index: u64) -> Case {
         rig_toml: pair.toml(),
         answer: json!({
             "schema": 1,
+            "family": "catalogue-like",
             "id": id,
             "seed": seed,
             "index": index,
