@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 
 use super::bench::{self, Bench};
 use super::effects::{DRAWN, Entry, Law};
-use crate::hidden::{Hidden, Moment};
+use crate::hidden::Moment;
 
 /// Laws of an effect that a test looks at.
 const LAWS: u64 = 40;
