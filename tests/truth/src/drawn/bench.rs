@@ -28,7 +28,7 @@ pub(crate) struct Bench {
     pub(crate) high_pa: f64,
     /// Contraction at which Eq 1 has no force left at any pressure.
     pub(crate) contraction_most: f64,
-    /// Eq 1's slope ∂F/∂P at rest length times the middle pressure: the muscle's force if it is held.
+    /// Eq 1's slope ∂F/∂P at rest length times the middle pressure: the force of a held muscle.
     pub(crate) blocked_n: f64,
     /// Volume half way up.
     pub(crate) volume_m3: f64,

@@ -80,8 +80,8 @@ impl Machine<'_> {
     fn take(&mut self, step_s: f64, x: State) {
         self.x = x;
         self.time_s += step_s;
-        for i in OWN..self.states() {
-            self.pace.size[i] = self.pace.size[i].max(x[i].abs());
+        for (size, x) in self.pace.size.iter_mut().zip(&x) {
+            *size = size.max(x.abs());
         }
         if self.hidden.iter().any(|(effect, ..)| effect.commits()) {
             let now = self.balance().now;
