@@ -170,7 +170,8 @@ impl Diagnosis {
                 _ => {}
             }
         }
-        let sum: f64 = self.hypotheses.iter().map(|h| h.probability).sum();
+        let hypotheses = self.hypotheses.iter();
+        let sum = hypotheses.fold(0.0, |sum, hypothesis| sum + hypothesis.probability);
         if self.schema >= 2 && (sum - 1.0).abs() > 0.01 {
             return Err(format!("probabilities of hypotheses sum to {sum:.3}"));
         }

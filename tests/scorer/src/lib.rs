@@ -6,7 +6,8 @@
 //!
 //! ```text
 //! cargo build --release && cargo run --release -p scorer -- run --seed 1 --count 200
-//! cargo run --release -p scorer -- run --seed 10000 --count 1000
+//! cargo run --release -p scorer -- run --seed 10000 --count 1000 --out out/score-reported
+//! cargo run --release -p scorer -- run --seed 10001 --kind none --count 400 --out out/score-healthy
 //! ```
 //!
 //! It prints a summary and writes `out/score/score.{json,html}`. A run that was interrupted goes on
