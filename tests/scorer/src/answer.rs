@@ -4,7 +4,7 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// An effect counts where it changes a held-out signal by more than this many times its noise.
+/// An effect counts where it changes a held-out signal by at least this many times its noise.
 pub const VISIBLE_OVER_NOISE: f64 = 3.0;
 
 /// What kind of thing is hidden.
@@ -15,6 +15,8 @@ pub enum Kind {
     Single,
     /// Two listed effects.
     Pair,
+    /// Three listed effects.
+    Triple,
     /// Nothing.
     None,
     /// One effect that no diagnosis has a name for.
@@ -23,7 +25,13 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 4] = [Kind::Single, Kind::Pair, Kind::None, Kind::Unlisted];
+    pub const ALL: [Kind; 5] = [
+        Kind::Single,
+        Kind::Pair,
+        Kind::Triple,
+        Kind::None,
+        Kind::Unlisted,
+    ];
 
     /// In a table.
     pub fn name(self) -> &'static str {
@@ -36,6 +44,7 @@ impl From<Kind> for truth::Kind {
         match kind {
             Kind::Single => truth::Kind::Single,
             Kind::Pair => truth::Kind::Pair,
+            Kind::Triple => truth::Kind::Triple,
             Kind::None => truth::Kind::None,
             Kind::Unlisted => truth::Kind::Unlisted,
         }
@@ -53,13 +62,18 @@ pub struct Hidden {
     pub size: f64,
     /// Parameters that mean the same in the effect's simplest textbook form.
     pub standard: BTreeMap<String, f64>,
-    /// Largest change of a signal on the validation records, over that signal's noise.
+    /// Largest change of a signal on held-out records, over that signal's noise.
     pub most_over_noise: f64,
+    /// Effects whose laws can make the same data, as far as the generator has computed it.
+    #[serde(default)]
+    pub indistinguishable_from: Vec<String>,
 }
 
 /// The answer to a case.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Answer {
+    /// How its laws are made: `drawn` or `catalogue-like`.
+    pub family: String,
     /// Name of the case.
     pub id: String,
     /// Seed of the benchmark.
@@ -70,7 +84,7 @@ pub struct Answer {
     pub kind: Kind,
     /// The records have the muscle's force.
     pub force_channel: bool,
-    /// Kind of records: `usual`, `short`, `long`, `fast-clock`.
+    /// Kind of records: their length or their rate.
     pub records: String,
     /// The records begin in motion.
     pub starts_moving: bool,
@@ -83,8 +97,14 @@ pub struct Answer {
 impl Answer {
     /// Every hidden effect shows; so does having none.
     pub fn visible(&self) -> bool {
-        let shows = |hidden: &Hidden| hidden.most_over_noise > VISIBLE_OVER_NOISE;
+        let shows = |hidden: &Hidden| hidden.most_over_noise >= VISIBLE_OVER_NOISE;
         self.effects.iter().all(shows)
+    }
+
+    /// No hidden effect can be taken for another by any method.
+    pub fn distinguishable(&self) -> bool {
+        let alone = |hidden: &Hidden| hidden.indistinguishable_from.is_empty();
+        self.effects.iter().all(alone)
     }
 
     /// Names of what is hidden, `+` between them; `none` if nothing is.

@@ -11,6 +11,8 @@ pub enum Verdict {
     Consistent,
     /// The named effects do.
     Explained,
+    /// The named effects are certain, and something else is left.
+    Partial,
     /// Something is left that no known effect explains.
     Unexplained,
 }
@@ -38,6 +40,20 @@ pub struct Named {
     pub parameters: BTreeMap<String, Parameter>,
     /// Names that the data cannot tell from this one.
     pub alternatives: Vec<String>,
+    /// Posterior probability that it is present; from schema 2 on.
+    pub probability: Option<f64>,
+}
+
+/// One set of effects and what is known of it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Hypothesis {
+    /// Its names.
+    pub effects: Vec<String>,
+    /// Subsystems in which something unknown acts.
+    #[serde(default)]
+    pub unknown: Vec<String>,
+    /// Its posterior probability.
+    pub probability: f64,
 }
 
 /// Root mean square differences of one signal on the validation records.
@@ -78,6 +94,13 @@ pub struct Diagnosis {
     pub next_experiment: String,
     /// Share of what is above the noise that the effects explain, if it is told.
     pub share: Option<f64>,
+    /// The posterior over sets of effects; from schema 2 on.
+    #[serde(default)]
+    pub hypotheses: Vec<Hypothesis>,
+    /// What a user must be told; a signal that the fitted rig predicts worse than the nominal one
+    /// is warned of by its column's name.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 impl Diagnosis {
@@ -107,9 +130,10 @@ impl Diagnosis {
     }
 
     fn check(&self) -> Result<(), String> {
-        if self.schema != 1 {
-            return Err(format!("schema 1, found {}", self.schema));
+        if !(1..=2).contains(&self.schema) {
+            return Err(format!("schema 1 or 2, found {}", self.schema));
         }
+        self.check_probabilities()?;
         if self.names().len() < self.effects.len() {
             return Err("an effect is named twice".into());
         }
@@ -120,6 +144,9 @@ impl Diagnosis {
             Verdict::Explained if self.effects.is_empty() => {
                 return Err("explained, yet by no effect".into());
             }
+            Verdict::Partial if self.effects.is_empty() => {
+                return Err("partial, yet it names no effect".into());
+            }
             _ => {}
         }
         for effect in &self.effects {
@@ -129,6 +156,31 @@ impl Diagnosis {
             }
         }
         Ok(())
+    }
+
+    fn check_probabilities(&self) -> Result<(), String> {
+        for effect in &self.effects {
+            match effect.probability {
+                Some(probability) if !(0.0..=1.0).contains(&probability) => {
+                    return Err(format!("probability {probability} of `{}`", effect.name));
+                }
+                None if self.schema >= 2 => {
+                    return Err(format!("no probability of `{}`", effect.name));
+                }
+                _ => {}
+            }
+        }
+        let hypotheses = self.hypotheses.iter();
+        let sum = hypotheses.fold(0.0, |sum, hypothesis| sum + hypothesis.probability);
+        if self.schema >= 2 && (sum - 1.0).abs() > 0.01 {
+            return Err(format!("probabilities of hypotheses sum to {sum:.3}"));
+        }
+        Ok(())
+    }
+
+    /// Whether a warning names `signal`.
+    pub fn warns_of(&self, signal: &str) -> bool {
+        self.warnings.iter().any(|warning| warning.contains(signal))
     }
 
     /// Names of the effects.

@@ -2,6 +2,7 @@
 
 use crate::answer::Kind;
 use crate::outcome::Outcome;
+use crate::reliability::Reliability;
 use crate::scored::Scored;
 use crate::statistics::{Median, Rate, quantile};
 use serde::Serialize;
@@ -16,12 +17,16 @@ pub struct Figures {
     pub single: Rate,
     /// Pairs of which both names, and no other, are given.
     pub pair: Rate,
+    /// Three effects of which all names, and no other, are given.
+    pub triple: Rate,
     /// Nothing hidden and `consistent`.
     pub consistent: Rate,
     /// Nothing hidden and something named.
     pub false_alarms: Rate,
     /// Unlisted effects that were left `unexplained` and unnamed.
     pub abstained: Rate,
+    /// Unlisted effects that got no name, whatever the verdict.
+    pub unnamed: Rate,
     /// Listed effects that were only among the alternatives.
     pub ambiguous: Rate,
     /// Right names under the verdict that something is left.
@@ -30,6 +35,12 @@ pub struct Figures {
     pub share_validation: Median,
     /// The same on records that neither fit nor validation saw.
     pub share_unseen: Median,
+    /// Cases in which no signal is predicted worse than before without a warning.
+    pub none_worse: Rate,
+    /// Of the names given with a probability of 0.9 and more, the right ones.
+    pub sure_names: Rate,
+    /// Expected calibration error of the probabilities of names; none without any.
+    pub calibration_error: Option<f64>,
     /// True parameters inside their intervals.
     pub inside_ci95: Rate,
     /// Rightly named effects fitted in their true form, of those whose true form the tool has.
@@ -50,13 +61,25 @@ impl Figures {
         let listed = || cases.iter().filter(|case| case.listed());
         let right = listed().filter(|case| case.outcome == Outcome::Right);
         let parameters = || cases.iter().flat_map(|case| &case.parameters);
+        let answered = cases.iter().filter(|case| case.fault.is_none());
+        let unlisted = cases
+            .iter()
+            .filter(|case| case.answer.kind == Kind::Unlisted && case.outcome != Outcome::NoAnswer);
+        let probabilities = || cases.iter().flat_map(|case| &case.named_probabilities);
+        let sure = probabilities().filter(|(probability, _)| *probability >= 0.9);
+        let reliability = Reliability::of(probabilities().copied());
         Figures {
             cases: cases.len(),
             single: with(Kind::Single, Outcome::Right),
             pair: with(Kind::Pair, Outcome::Right),
+            triple: with(Kind::Triple, Outcome::Right),
             consistent: with(Kind::None, Outcome::Right),
             false_alarms: with(Kind::None, Outcome::FalseAlarm),
             abstained: with(Kind::Unlisted, Outcome::Right),
+            unnamed: Rate::among(unlisted, |case| case.named.is_empty()),
+            none_worse: Rate::among(answered, |case| case.worse_unwarned.is_empty()),
+            sure_names: Rate::among(sure, |(_, right)| *right),
+            calibration_error: reliability.error,
             ambiguous: Rate::among(listed(), |case| case.outcome == Outcome::Ambiguous),
             right_with_remainder: Rate::among(right, |case| case.right_with_remainder()),
             share_validation: Median::new(listed().filter_map(|case| case.share_validation)),
@@ -77,6 +100,8 @@ pub enum Figure {
     Rate(Rate),
     /// A median.
     Median(Median),
+    /// A number.
+    Number(Option<f64>),
 }
 
 impl Figure {
@@ -85,6 +110,7 @@ impl Figure {
         match self {
             Figure::Rate(rate) => rate.value,
             Figure::Median(median) => median.value,
+            Figure::Number(value) => value,
         }
     }
 }
@@ -104,22 +130,32 @@ pub struct Reach {
 }
 
 /// All that is to be reached on visible cases.
-pub const REACH: [Reach; 7] = [
-    reach("exact name of single effects", 0.95, 1.0, |f| {
+pub const REACH: [Reach; 11] = [
+    reach("exact name of single effects", 0.97, 1.0, |f| {
         Figure::Rate(f.single)
     }),
-    reach("both names of pairs", 0.85, 1.0, |f| Figure::Rate(f.pair)),
-    reach("false alarms on none", 0.0, 0.02, |f| {
+    reach("both names of pairs", 0.9, 1.0, |f| Figure::Rate(f.pair)),
+    reach("all names of triples", 0.7, 1.0, |f| Figure::Rate(f.triple)),
+    reach("false alarms on none", 0.0, 0.005, |f| {
         Figure::Rate(f.false_alarms)
     }),
-    reach("abstention on unlisted effects", 0.9, 1.0, |f| {
-        Figure::Rate(f.abstained)
+    reach("no name of unlisted effects", 0.95, 1.0, |f| {
+        Figure::Rate(f.unnamed)
     }),
     reach("gap removed, validation records", 0.9, f64::INFINITY, |f| {
         Figure::Median(f.share_validation)
     }),
     reach("gap removed, unseen record", 0.9, f64::INFINITY, |f| {
         Figure::Median(f.share_unseen)
+    }),
+    reach("no signal worse without a warning", 1.0, 1.0, |f| {
+        Figure::Rate(f.none_worse)
+    }),
+    reach("right names of those with 0.9 and more", 0.95, 1.0, |f| {
+        Figure::Rate(f.sure_names)
+    }),
+    reach("expected calibration error", 0.0, 0.03, |f| {
+        Figure::Number(f.calibration_error)
     }),
     reach("true parameter inside its ci95", 0.9, 0.99, |f| {
         Figure::Rate(f.inside_ci95)
@@ -149,7 +185,8 @@ impl Reach {
 
     /// In words.
     pub fn target(&self) -> String {
-        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        // two digits after the point are left out where they are naught
+        let percent = |share: f64| format!("{} %", (1e4 * share).round() / 1e2);
         match (self.least, self.most) {
             (0.0, most) => format!("≤ {}", percent(most)),
             (least, 1.0..) => format!("≥ {}", percent(least)),
@@ -243,10 +280,14 @@ pub fn dimensions(cases: &[&Scored]) -> Vec<Dimension> {
 /// How often each true label got each column.
 pub type Confusion = BTreeMap<String, BTreeMap<String, usize>>;
 
-/// The confusion matrix of all but pairs.
+/// The confusion matrix of all but pairs and triples.
 pub fn confusion(cases: &[&Scored]) -> Confusion {
     let mut matrix = Confusion::new();
-    for case in cases.iter().filter(|case| case.answer.kind != Kind::Pair) {
+    let several = [Kind::Pair, Kind::Triple];
+    for case in cases
+        .iter()
+        .filter(|case| !several.contains(&case.answer.kind))
+    {
         let row = matrix.entry(case.answer.label()).or_default();
         *row.entry(case.column.clone()).or_default() += 1;
     }
@@ -312,6 +353,12 @@ pub struct Score {
     pub outcomes: Outcomes,
     /// Outcomes of the cases in which what is hidden hardly shows.
     pub faint_outcomes: Outcomes,
+    /// Outcomes of the cases in which an effect can be taken for another by any method.
+    pub tied_outcomes: Outcomes,
+    /// Probabilities of names against how often they are right, of all cases.
+    pub names: Reliability,
+    /// The same of whole hypotheses.
+    pub hypotheses: Reliability,
     /// Time and memory, of all cases.
     pub cost: Cost,
     /// Every case.
@@ -322,12 +369,15 @@ impl Score {
     /// Of `cases`.
     pub fn of(cases: Vec<Scored>) -> Score {
         let all: Vec<&Scored> = cases.iter().collect();
-        let (visible, faint): (Vec<&Scored>, Vec<&Scored>) =
-            all.iter().partition(|case| case.visible);
+        let (visible, faint): (Vec<&Scored>, Vec<&Scored>) = all
+            .iter()
+            .filter(|case| !case.tied)
+            .partition(|case| case.visible);
+        let tied: Vec<&Scored> = all.iter().copied().filter(|case| case.tied).collect();
         let (with, without): (Vec<&Scored>, Vec<&Scored>) =
             visible.iter().partition(|case| case.answer.force_channel);
         Score {
-            schema: 1,
+            schema: 2,
             visible: Figures::of(&visible),
             with_force: Figures::of(&with),
             without_force: Figures::of(&without),
@@ -335,6 +385,13 @@ impl Score {
             confusion: confusion(&visible),
             outcomes: outcomes(&visible),
             faint_outcomes: outcomes(&faint),
+            tied_outcomes: outcomes(&tied),
+            names: Reliability::of(all.iter().flat_map(|c| &c.named_probabilities).copied()),
+            hypotheses: Reliability::of(
+                all.iter()
+                    .flat_map(|c| &c.hypothesis_probabilities)
+                    .copied(),
+            ),
             cost: Cost::of(&all),
             cases,
         }

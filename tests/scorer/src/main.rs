@@ -18,6 +18,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
+use truth::Family;
 
 /// Measures how well `hil-sim diagnose` names what is hidden in rigs it has never seen.
 #[derive(Parser)]
@@ -91,7 +92,10 @@ impl ToolArgs {
 
 #[derive(Args)]
 struct RunArgs {
-    /// Seed of all cases
+    /// How the laws of effects are made
+    #[arg(long, value_enum, default_value_t = Family::Drawn)]
+    family: Family,
+    /// Seed of all cases; of drawn ones, 10000 and above are the reporting set
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// How many cases
@@ -143,7 +147,10 @@ struct ShuffledArgs {
 struct WithoutArgs {
     /// Effects to take out, each in turn; all if none is named
     names: Vec<String>,
-    /// Seed of all cases
+    /// How the laws of effects are made
+    #[arg(long, value_enum, default_value_t = Family::Drawn)]
+    family: Family,
+    /// Seed of all cases; of drawn ones, 10000 and above are the reporting set
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Cases of each effect
@@ -205,9 +212,18 @@ fn score(
     Ok(score.reached())
 }
 
+/// The seed, and of drawn cases the set that it belongs to.
+fn say_seed(family: Family, seed: u64) {
+    match family {
+        Family::Drawn => eprintln!("seed {seed}, {} set", truth::drawn::set(seed)),
+        Family::CatalogueLike => eprintln!("seed {seed}"),
+    }
+}
+
 fn run_and_score(args: &RunArgs) -> Result<bool, Error> {
-    eprintln!("seed {}", args.seed);
+    say_seed(args.family, args.seed);
     let selection = Selection {
+        family: args.family,
         seed: args.seed,
         first: args.first,
         count: args.count,
@@ -246,9 +262,9 @@ fn shuffle(args: &ShuffledArgs) -> Result<bool, Error> {
 }
 
 fn take_out(args: &WithoutArgs) -> Result<bool, Error> {
-    eprintln!("seed {}", args.seed);
+    say_seed(args.family, args.seed);
     let names: Vec<&str> = match args.names.as_slice() {
-        [] => without::listed(),
+        [] => without::listed(args.family),
         names => names.iter().map(String::as_str).collect(),
     };
     let tool = args.tool.tool();
@@ -256,7 +272,8 @@ fn take_out(args: &WithoutArgs) -> Result<bool, Error> {
     for (i, name) in names.iter().enumerate() {
         eprintln!("without {name} ({} of {})", i + 1, names.len());
         let seeds = [args.seed, args.first];
-        parts.push(without::without(&args.out, name, seeds, args.count, &tool)?);
+        let part = without::without(&args.out, name, args.family, seeds, args.count, &tool)?;
+        parts.push(part);
     }
     let report = without::report(&parts, &command_line());
     write(&args.out, "without", &parts, &report)?;

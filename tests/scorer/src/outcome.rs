@@ -48,7 +48,7 @@ impl Outcome {
         match self {
             Outcome::Right => "right",
             Outcome::Ambiguous => "ambiguous",
-            Outcome::Partial => "one of two",
+            Outcome::Partial => "some",
             Outcome::Extra => "and more",
             Outcome::Wrong => "wrong name",
             Outcome::FalseAlarm => "false alarm",
@@ -77,11 +77,11 @@ pub fn outcome(answer: &Answer, diagnosis: Option<&Diagnosis>) -> Outcome {
         Kind::None => Outcome::FalseAlarm,
         // its name is in no catalogue: whatever was named instead is not there
         Kind::Unlisted => Outcome::Wrong,
-        Kind::Single | Kind::Pair => named(answer, diagnosis),
+        Kind::Single | Kind::Pair | Kind::Triple => named(answer, diagnosis),
     }
 }
 
-/// As [`outcome`], where both hide and name something listed.
+/// As [`outcome`], where something listed is hidden and something is named.
 fn named(answer: &Answer, diagnosis: &Diagnosis) -> Outcome {
     let hidden: BTreeSet<&str> = answer.effects.iter().map(|e| e.name.as_str()).collect();
     let said = diagnosis.names();

@@ -2,6 +2,7 @@
 
 use crate::figures::{Confusion, Dimension, Figure, Figures, Outcomes, REACH, Score};
 use crate::outcome::Outcome;
+use crate::reliability::{Bin, Reliability};
 use crate::scored::Scored;
 use crate::statistics::{Median, Rate};
 use hil_sim::report::{Axis, Marker, Plot, Report, Section, Series, Table};
@@ -52,6 +53,7 @@ fn figure(figure: Figure) -> String {
     match figure {
         Figure::Rate(value) => rate(value),
         Figure::Median(value) => median(value),
+        Figure::Number(value) => value.map_or_else(String::new, |v| format!("{:.1} %", 100.0 * v)),
     }
 }
 
@@ -101,6 +103,10 @@ fn headline(score: &Score) -> Table {
 fn besides(figures: &Figures) -> Table {
     let rows = [
         ("consistent where nothing is hidden", figures.consistent),
+        (
+            "unexplained where something unlisted is hidden",
+            figures.abstained,
+        ),
         ("true name only among the alternatives", figures.ambiguous),
         (
             "right names, yet verdict unexplained",
@@ -138,6 +144,76 @@ fn faint(score: &Score) -> Option<Table> {
     any.then(|| outcomes(caption, &score.faint_outcomes))
 }
 
+/// Cases in which an effect can be taken for another, if there are any.
+fn tied(score: &Score) -> Option<Table> {
+    let caption = "Apart: what is hidden can be taken for another effect by any method";
+    let any = !score.tied_outcomes.is_empty();
+    any.then(|| outcomes(caption, &score.tied_outcomes))
+}
+
+/// Bins of both reliability diagrams.
+fn reliability(score: &Score) -> Table {
+    let cells = |bin: &Bin| match bin.count {
+        0 => [String::new(), String::new(), String::new()],
+        count => [
+            count.to_string(),
+            format!("{:.3}", bin.mean),
+            format!("{:.3}", bin.right),
+        ],
+    };
+    let row = |(i, (names, hypotheses)): (usize, (&Bin, &Bin))| {
+        let (low, high) = (i as f64 / 10.0, (i + 1) as f64 / 10.0);
+        let mut row = vec![format!("{low:.1} to {high:.1}")];
+        row.extend(cells(names));
+        row.extend(cells(hypotheses));
+        row
+    };
+    let both = score.names.bins.iter().zip(&score.hypotheses.bins);
+    let error = |reliability: &Reliability| match reliability.error {
+        Some(error) => format!("{error:.3}"),
+        None => "none".into(),
+    };
+    let caption = format!(
+        "Probabilities given and how often they are right, all cases; expected calibration error: \
+         {} of names, {} of hypotheses",
+        error(&score.names),
+        error(&score.hypotheses)
+    );
+    let columns = [
+        "probability",
+        "names",
+        "mean",
+        "right",
+        "hypotheses",
+        "mean",
+        "right",
+    ];
+    table(&caption, &columns, both.enumerate().map(row).collect())
+}
+
+fn reliability_plot(score: &Score) -> Plot {
+    let series = |name: &str, reliability: &Reliability| {
+        let bins = || reliability.bins.iter().filter(|bin| bin.count > 0);
+        let (mean, right) = (bins().map(|bin| bin.mean), bins().map(|bin| bin.right));
+        Series::new(name, mean.collect(), right.collect())
+    };
+    Plot {
+        title: "Reliability diagram".into(),
+        caption: "How often what is given a probability is so, in bins of a tenth; probabilities \
+                  that hold are on the dashed line."
+            .into(),
+        x: Axis::new("probability", "%", 100.0),
+        y: Axis::new("right", "%", 100.0),
+        series: vec![
+            series("names", &score.names),
+            series("hypotheses", &score.hypotheses),
+            Series::new("right as often as said", vec![0.0, 1.0], vec![0.0, 1.0]).dashed(),
+        ],
+        markers: Vec::new(),
+        sync: None,
+    }
+}
+
 fn cost(score: &Score) -> Table {
     let cells = |name: &str, scale: f64, values: [f64; 3]| {
         let shown = values.map(|value| format!("{:.1}", scale * value));
@@ -156,13 +232,14 @@ fn cost(score: &Score) -> Table {
 type Cell = fn(&Figures) -> String;
 
 fn dimension(dimension: &Dimension) -> Table {
-    const CELLS: [(&str, Cell); 9] = [
+    const CELLS: [(&str, Cell); 10] = [
         ("cases", |f| f.cases.to_string()),
         ("single, exact", |f| rate(f.single)),
         ("pair, both", |f| rate(f.pair)),
+        ("triple, all", |f| rate(f.triple)),
         ("none, consistent", |f| rate(f.consistent)),
         ("none, false alarm", |f| rate(f.false_alarms)),
-        ("unlisted, abstained", |f| rate(f.abstained)),
+        ("unlisted, unnamed", |f| rate(f.unnamed)),
         ("gap removed, validation", |f| median(f.share_validation)),
         ("gap removed, unseen", |f| median(f.share_unseen)),
         ("inside ci95", |f| rate(f.inside_ci95)),
@@ -185,7 +262,8 @@ const NO_NAMES: [&str; 4] = ["several", "unexplained", "none", "no answer"];
 
 /// Labels of the rows, the columns after them: listed names in the generator's order.
 fn labels(confusion: &Confusion) -> (Vec<String>, Vec<String>) {
-    let known = truth::CATALOGUE.iter().map(|entry| entry.name.to_owned());
+    // drawn effects have all names of the other family
+    let known = truth::drawn::DRAWN.iter().map(|e| e.name.to_owned());
     let known: Vec<String> = known.chain(["none".to_owned()]).collect();
     let rows = known
         .iter()
@@ -270,11 +348,12 @@ fn confusion_lines(confusion: &Confusion) -> Table {
 
 /// The one command that runs a case again, and scores it alone.
 fn repeat(case: &Scored, origin: &Origin) -> String {
-    let (seed, index) = (case.answer.seed, case.answer.index);
+    let answer = &case.answer;
+    let (seed, index) = (answer.seed, answer.index);
     let mut command = format!(
-        "cargo run --release -p scorer -- run --seed {seed} --first {index} --count 1 --again \
-         --out {}-again",
-        origin.out
+        "cargo run --release -p scorer -- run --family {} --seed {seed} --first {index} --count 1 \
+         --again --out {}-again",
+        answer.family, origin.out
     );
     if !origin.program.is_empty() {
         command += &format!(" --diagnose {}", origin.program);
@@ -603,7 +682,7 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
             section("Outcomes", vec![outcomes("", &score.outcomes)], Vec::new()),
             section(
                 "Faint, apart",
-                faint(score).into_iter().collect(),
+                faint(score).into_iter().chain(tied(score)).collect(),
                 Vec::new(),
             ),
             section("By size", by("size").collect(), Vec::new()),
@@ -613,6 +692,7 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
                 vec![confusion_lines(&score.confusion)],
                 Vec::new(),
             ),
+            section("Probabilities", vec![reliability(score)], Vec::new()),
             section("Claims", vec![claims(score)], Vec::new()),
             section("Cost", vec![cost(score)], Vec::new()),
             section("Not right", vec![wrong(score, origin)], Vec::new()),
@@ -624,7 +704,7 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
 /// Everything.
 pub fn full(score: &Score, origin: &Origin) -> Report {
     let mut outcomes = vec![outcomes("Outcomes by what is hidden", &score.outcomes)];
-    outcomes.extend(faint(score));
+    outcomes.extend(faint(score).into_iter().chain(tied(score)));
     let gaps = vec![signals(score), claims(score)];
     Report {
         title: "Diagnosis of hidden effects".into(),
@@ -642,6 +722,11 @@ pub fn full(score: &Score, origin: &Origin) -> Report {
                 Vec::new(),
             ),
             section("The gap", gaps, vec![share_plot(score)]),
+            section(
+                "Probabilities",
+                vec![reliability(score)],
+                vec![reliability_plot(score)],
+            ),
             section("Parameters", vec![parameters(score)], Vec::new()),
             section(
                 "Parts",

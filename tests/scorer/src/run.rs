@@ -23,7 +23,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
-use truth::{Case, Drive};
+use truth::{Case, Drive, Family};
 
 /// Numbers that are looked through for cases that fit a selection.
 const SEARCHED: u64 = 100_000;
@@ -71,6 +71,8 @@ fn at(path: &Path) -> impl FnOnce(io::Error) -> Error {
 /// Which cases.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
+    /// How the laws of effects are made.
+    pub family: Family,
     /// Seed of all cases.
     pub seed: u64,
     /// Number of the first case that may be taken.
@@ -90,10 +92,9 @@ impl Selection {
     /// There are not so many.
     pub fn indices(&self) -> Result<Vec<u64>, Error> {
         let fits = |index: &u64| {
-            let plan = truth::plan(self.seed, *index);
-            let kind = |kind: &Kind| truth::Kind::from(*kind) == plan.kind;
-            let names = || plan.effects.iter().map(|planned| planned.entry.name);
-            let hides = |effect: &String| names().any(|name| name == effect);
+            let (of_kind, names) = self.family.plan(self.seed, *index);
+            let kind = |kind: &Kind| truth::Kind::from(*kind) == of_kind;
+            let hides = |effect: &String| names.iter().any(|name| name == effect);
             (self.kinds.is_empty() || self.kinds.iter().any(kind))
                 && (self.effects.is_empty() || self.effects.iter().any(hides))
         };
@@ -261,15 +262,16 @@ impl Folder {
     }
 
     /// Runs the tool on case `index` and keeps what came of it.
-    fn run(&self, tool: &Tool, crc32: u32, seed: u64, index: u64) -> Result<(), Error> {
+    fn run(&self, tool: &Tool, crc32: u32, of: &Selection, index: u64) -> Result<(), Error> {
         if self.0.exists() {
             // nothing of an earlier run may be taken for this one's, nor be there to read
             fs::remove_dir_all(&self.0).map_err(at(&self.0))?;
         }
-        let mut case = truth::case(seed, index);
+        let mut case = of.family.case(of.seed, index);
         if !tool.experiment.is_empty() {
             let drive = advised(&case, &tool.experiment)?;
-            case.fit.push(truth::experiment(seed, index, drive));
+            let record = of.family.experiment(of.seed, index, drive);
+            case.fit.push(record);
         }
         let (ended, validate) = self.diagnose(tool, &case)?;
         let unseen = write_records(&self.0, "unseen", &case.unseen)?;
@@ -340,10 +342,6 @@ impl Folder {
     }
 }
 
-fn folder(out: &Path, seed: u64, index: u64) -> Folder {
-    Folder(out.join(format!("s{seed}-{index:05}")))
-}
-
 /// Runs the tool on the selected cases that it has not been run on, and collects them all.
 ///
 /// # Errors
@@ -352,7 +350,7 @@ pub fn run(out: &Path, selection: &Selection, tool: &Tool) -> Result<Vec<Collect
     let crc32 = program_crc32(&tool.program)?;
     let indices = selection.indices()?;
     fs::create_dir_all(out).map_err(at(out))?;
-    let of = |index: u64| folder(out, selection.seed, index);
+    let of = |index: u64| Folder(out.join(selection.family.id(selection.seed, index)));
     let due: Vec<u64> = indices
         .iter()
         .copied()
@@ -367,7 +365,7 @@ pub fn run(out: &Path, selection: &Selection, tool: &Tool) -> Result<Vec<Collect
         .map_err(|error| Error::Other(error.to_string()))?;
     pool.install(|| {
         due.par_iter().with_max_len(1).try_for_each(|index| {
-            of(*index).run(tool, crc32, selection.seed, *index)?;
+            of(*index).run(tool, crc32, selection, *index)?;
             bar.inc(1);
             Ok(())
         })

@@ -1,13 +1,13 @@
 //! One case, judged: everything that the figures are made of.
 
 use crate::answer::{Answer, Hidden, Kind};
-use crate::diagnosis::{Diagnosis, Verdict};
+use crate::diagnosis::{Diagnosis, Hypothesis, Named, Verdict};
 use crate::gap::Gaps;
 use crate::outcome::{Outcome, column, outcome};
 use crate::run::Collected;
 use crate::shared::Shared;
 use serde::Serialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A parameter that means the same in the truth and in the diagnosis.
 #[derive(Clone, Debug, Serialize)]
@@ -39,8 +39,11 @@ pub struct Scored {
     pub arguments: Vec<String>,
     /// Parts of the tool's own experiment, of which it was given a record, too.
     pub experiment: Vec<String>,
-    /// Every hidden effect changes a held-out signal by enough of its noise.
+    /// Every hidden effect changes a held-out signal by enough of its noise, and none can be taken
+    /// for another by any method.
     pub visible: bool,
+    /// Some hidden effect can be taken for another by any method.
+    pub tied: bool,
     /// The verdict.
     pub verdict: Option<Verdict>,
     /// Names of the effects that were named.
@@ -71,6 +74,12 @@ pub struct Scored {
     pub forms_shared: Vec<bool>,
     /// Parameters of those that are.
     pub parameters: Vec<ParameterScore>,
+    /// Probability of each named effect, and whether it is hidden.
+    pub named_probabilities: Vec<(f64, bool)>,
+    /// Probability of each hypothesis, and whether it is what is hidden.
+    pub hypothesis_probabilities: Vec<(f64, bool)>,
+    /// Signals that the fitted rig predicts worse than the nominal one, with no warning of it.
+    pub worse_unwarned: Vec<String>,
     /// Time the diagnosis took \[s\].
     pub wall_s: f64,
     /// Time on processors \[s\].
@@ -108,6 +117,51 @@ fn claimed(diagnosis: &Diagnosis) -> Gaps {
     }
 }
 
+/// Probability of each named effect, and whether it is hidden.
+fn named_probabilities(answer: &Answer, named: &[Named]) -> Vec<(f64, bool)> {
+    let hides = |name: &str| answer.effects.iter().any(|hidden| hidden.name == name);
+    let probability = |named: &Named| Some((named.probability?, hides(&named.name)));
+    named.iter().filter_map(probability).collect()
+}
+
+/// Probability of each hypothesis, and whether it is what is hidden.
+fn hypothesis_probabilities(answer: &Answer, diagnosis: Option<&Diagnosis>) -> Vec<(f64, bool)> {
+    let unlisted = answer.kind == Kind::Unlisted;
+    let hidden: BTreeSet<&str> = match unlisted {
+        true => BTreeSet::new(),
+        false => answer.effects.iter().map(|e| e.name.as_str()).collect(),
+    };
+    let is_hidden = |hypothesis: &Hypothesis| {
+        let effects: BTreeSet<&str> = hypothesis.effects.iter().map(String::as_str).collect();
+        effects == hidden && hypothesis.unknown.is_empty() != unlisted
+    };
+    let hypotheses = diagnosis.into_iter().flat_map(|d| &d.hypotheses);
+    hypotheses.map(|h| (h.probability, is_hidden(h))).collect()
+}
+
+/// Relative growth of a gap that is more than the sampling of its noise explains.
+const WORSE: f64 = 1.05;
+/// A gap below this multiple of its noise is no gap.
+const AT_NOISE: f64 = 1.1;
+
+/// Signals with a larger gap after the diagnosis than before, with no warning of it.
+fn worse_unwarned(case: &Collected) -> Vec<String> {
+    let Ok(diagnosis) = &case.diagnosis else {
+        return Vec::new();
+    };
+    let worse = |gaps: &Gaps, signal: &str, noise: f64| {
+        let (before, after) = (gaps.before.get(signal), gaps.after.get(signal));
+        let grows = |(before, after): (&f64, &f64)| *after > WORSE * before;
+        after.is_some_and(|after| *after > AT_NOISE * noise) && before.zip(after).is_some_and(grows)
+    };
+    let records = [&case.run.validation, &case.run.unseen];
+    let signals = case.answer.noise.iter().filter(|(signal, noise)| {
+        let mut gaps = records.iter().filter_map(|gaps| gaps.as_ref().ok());
+        gaps.any(|gaps| worse(gaps, signal, **noise)) && !diagnosis.warns_of(signal)
+    });
+    signals.map(|(signal, _)| signal.clone()).collect()
+}
+
 impl Scored {
     /// Judges a case.
     pub fn new(case: &Collected) -> Scored {
@@ -132,7 +186,7 @@ impl Scored {
         let shared: Vec<(&Hidden, &Shared, bool)> = answer
             .effects
             .iter()
-            .filter(|_| right.is_some())
+            .filter(|hidden| right.is_some() && !hidden.standard.is_empty())
             .filter_map(|hidden| Some((hidden, Shared::find(&hidden.name, &hidden.form)?)))
             .map(|(hidden, shared)| {
                 let form = case.forms.get(&hidden.name).map(String::as_str);
@@ -150,7 +204,8 @@ impl Scored {
             answer: answer.clone(),
             arguments: run.arguments.clone(),
             experiment: run.experiment.clone(),
-            visible: answer.visible(),
+            visible: answer.visible() && answer.distinguishable(),
+            tied: !answer.distinguishable(),
             verdict: diagnosis.map(|d| d.verdict),
             named: effects.iter().map(|e| e.name.clone()).collect(),
             alternatives: effects
@@ -174,6 +229,9 @@ impl Scored {
                 .cloned(),
             forms_shared: shared.iter().map(|(_, _, same)| *same).collect(),
             parameters,
+            named_probabilities: named_probabilities(answer, effects),
+            hypothesis_probabilities: hypothesis_probabilities(answer, diagnosis),
+            worse_unwarned: worse_unwarned(case),
             wall_s: run.ended.wall_s,
             cpu_s: run.ended.cpu_s,
             peak_memory_bytes: run.ended.peak_memory_bytes,
@@ -182,14 +240,14 @@ impl Scored {
 
     /// Something listed is hidden.
     pub fn listed(&self) -> bool {
-        matches!(self.answer.kind, Kind::Single | Kind::Pair)
+        matches!(self.answer.kind, Kind::Single | Kind::Pair | Kind::Triple)
     }
 
     /// The names are right, yet the verdict is that something is left.
     pub fn right_with_remainder(&self) -> bool {
         self.listed()
             && self.outcome == Outcome::Right
-            && self.verdict == Some(Verdict::Unexplained)
+            && matches!(self.verdict, Some(Verdict::Unexplained | Verdict::Partial))
     }
 
     /// What was said, in words.
@@ -200,6 +258,7 @@ impl Scored {
         let verdict = match self.verdict {
             Some(Verdict::Consistent) => "consistent",
             Some(Verdict::Unexplained) => "unexplained",
+            Some(Verdict::Partial) => "partial",
             Some(Verdict::Explained) | None => "",
         };
         let names = self.named.join(" + ");

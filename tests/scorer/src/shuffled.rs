@@ -27,9 +27,10 @@ pub struct Chance {
 }
 
 /// What is counted: a name, the kind of case, the outcome.
-const COUNTED: [(&str, Kind, Outcome); 4] = [
+const COUNTED: [(&str, Kind, Outcome); 5] = [
     ("exact name of single effects", Kind::Single, Outcome::Right),
     ("both names of pairs", Kind::Pair, Outcome::Right),
+    ("all names of triples", Kind::Triple, Outcome::Right),
     (
         "consistent where nothing is hidden",
         Kind::None,
@@ -42,7 +43,7 @@ const COUNTED: [(&str, Kind, Outcome); 4] = [
     ),
 ];
 
-fn rates(pairs: &[(&Answer, Option<&Diagnosis>)]) -> [Rate; 4] {
+fn rates(pairs: &[(&Answer, Option<&Diagnosis>)]) -> [Rate; 5] {
     COUNTED.map(|(_, kind, counted)| {
         let of_kind = pairs
             .iter()
@@ -60,7 +61,7 @@ pub fn shuffled(cases: &[Collected], permutations: usize, seed: u64) -> Vec<Chan
     let own: Vec<_> = answers.iter().copied().zip(diagnoses()).collect();
     let own = rates(&own);
     let rng = &mut Pcg64::seed_from_u64(seed);
-    let mut by_chance: [Vec<f64>; 4] = Default::default();
+    let mut by_chance: [Vec<f64>; 5] = Default::default();
     for _ in 0..permutations {
         answers.shuffle(rng);
         let pairs: Vec<_> = answers.iter().copied().zip(diagnoses()).collect();

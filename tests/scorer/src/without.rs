@@ -8,6 +8,7 @@ use crate::statistics::Rate;
 use hil_sim::report::{Report, Section, Table};
 use serde::Serialize;
 use std::path::Path;
+use truth::Family;
 
 /// What was said of one effect's cases by a tool that does not know it.
 #[derive(Clone, Debug, Serialize)]
@@ -42,9 +43,8 @@ impl Without {
 }
 
 /// Names that can be taken out.
-pub fn listed() -> Vec<&'static str> {
-    let listed = truth::CATALOGUE.iter().filter(|entry| entry.listed);
-    listed.map(|entry| entry.name).collect()
+pub fn listed(family: Family) -> Vec<&'static str> {
+    family.listed()
 }
 
 /// Share of what is above the noise with which nothing is left of it, to rounding.
@@ -78,6 +78,7 @@ pub fn judge(name: &str, cases: &[Scored]) -> Without {
 pub fn without(
     out: &Path,
     name: &str,
+    family: Family,
     [seed, first]: [u64; 2],
     count: usize,
     tool: &Tool,
@@ -86,6 +87,7 @@ pub fn without(
     tool.arguments
         .extend(["--without".to_owned(), name.to_owned()]);
     let selection = Selection {
+        family,
         seed,
         first,
         count,

@@ -43,6 +43,9 @@ impl Bench {
         if ["run", "without"].contains(&arguments[0]) {
             command.arg("--diagnose").arg(self.path("tool"));
         }
+        if ["run", "without"].contains(&arguments[0]) {
+            command.args(["--family", "catalogue-like"]);
+        }
         command.args(&arguments[1..]).output().expect("it runs")
     }
 
@@ -136,6 +139,28 @@ fn a_run_is_scored_goes_on_where_it_was_and_can_be_repeated() {
     let shuffled = bench.score(&["shuffled", "--permutations", "20"]);
     assert!(shuffled.status.success(), "{shuffled:?}");
     assert!(bench.path("out/shuffled.html").is_file());
+}
+
+#[test]
+fn drawn_cases_are_the_usual_ones_and_their_set_is_told() {
+    let bench = Bench::new();
+    bench.says("d10000-00007", "consistent", &[]);
+    let mut command = Command::new(env!("CARGO_BIN_EXE_score"));
+    let arguments = ["run", "--seed", "10000", "--first", "7", "--count", "1"];
+    command
+        .args(arguments)
+        .arg("--diagnose")
+        .arg(bench.path("tool"));
+    let output = command.arg("--out").arg(bench.path("out")).output();
+    let output = output.expect("it runs");
+    assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.starts_with("seed 10000, reporting set"), "{said}");
+    let score = read(&bench.path("out/score.json"));
+    assert_eq!(score["cases"][0]["answer"]["family"], "drawn");
+    assert_eq!(score["cases"][0]["outcome"], "right");
+    let html = fs::read_to_string(bench.path("out/score.html")).expect("a report");
+    assert!(html.contains("Reliability diagram"));
 }
 
 #[test]

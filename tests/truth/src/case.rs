@@ -18,6 +18,8 @@ pub enum Kind {
     Single,
     /// Two listed effects.
     Pair,
+    /// Three listed effects; of the drawn family alone.
+    Triple,
     /// Nothing.
     None,
     /// One effect that no diagnosis has a name for.
@@ -31,6 +33,7 @@ impl Kind {
         match self {
             Kind::Single => "single",
             Kind::Pair => "pair",
+            Kind::Triple => "triple",
             Kind::None => "none",
             Kind::Unlisted => "unlisted",
         }
@@ -90,7 +93,7 @@ pub struct Case {
 }
 
 /// A generator for one purpose of one case.
-fn generator(seed: u64, index: u64, purpose: u64) -> Pcg64 {
+pub(crate) fn generator(seed: u64, index: u64, purpose: u64) -> Pcg64 {
     // seed_from_u64 spreads the bits; the odd multiplier keeps neighbours apart
     let case = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
     Pcg64::seed_from_u64(case.rotate_left(17).wrapping_add(purpose))
@@ -154,7 +157,7 @@ pub fn plan(seed: u64, index: u64) -> Plan {
         Kind::Single => vec![in_turn(&entries(true), turn, seed)],
         Kind::Unlisted => vec![in_turn(&entries(false), turn, seed)],
         Kind::Pair => pair(turn, &mut generator(seed, index, 1)),
-        Kind::None => Vec::new(),
+        Kind::None | Kind::Triple => Vec::new(),
     };
     Plan {
         seed,
@@ -204,7 +207,7 @@ impl Variant {
 }
 
 /// Root mean square differences of three signals over all readings.
-fn differences(one: &[Vec<Reading>], other: &[Vec<Reading>]) -> [f64; 3] {
+pub(crate) fn differences(one: &[Vec<Reading>], other: &[Vec<Reading>]) -> [f64; 3] {
     let mut sums = [0.0; 3];
     let mut count = 0.0;
     for (a, b) in one.iter().flatten().zip(other.iter().flatten()) {
@@ -216,7 +219,7 @@ fn differences(one: &[Vec<Reading>], other: &[Vec<Reading>]) -> [f64; 3] {
     sums.map(|sum: f64| (sum / count).sqrt())
 }
 
-fn by_signal(values: [f64; 3], with_force: bool) -> Value {
+pub(crate) fn by_signal(values: [f64; 3], with_force: bool) -> Value {
     let mut map = Map::new();
     for (name, value) in ["pressure_pa", "contraction", "force_n"]
         .into_iter()
@@ -357,6 +360,7 @@ pub fn case(seed: u64, index: u64) -> Case {
         rig_toml: pair.toml(),
         answer: json!({
             "schema": 1,
+            "family": "catalogue-like",
             "id": id,
             "seed": seed,
             "index": index,

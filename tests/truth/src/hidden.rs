@@ -60,6 +60,11 @@ pub(crate) trait Hidden: Send + Sync {
     fn command_time_s(&self, time_s: f64) -> f64 {
         time_s
     }
+    /// When a change of the command sent at `sent_s` arrives, in parts: times and shares that sum
+    /// to one. As it is sent by default; only runs with adaptive steps ask.
+    fn arrivals(&self, sent_s: f64) -> Vec<(f64, f64)> {
+        vec![(sent_s, 1.0)]
+    }
     fn ambient_k(&self, ambient_k: f64, _time_s: f64) -> f64 {
         ambient_k
     }
@@ -86,6 +91,10 @@ pub(crate) trait Hidden: Send + Sync {
         force_n
     }
     fn load(&self, _load: &mut Load, _now: &Moment, _x: &[f64], _dx: &mut [f64]) {}
+    /// Whether [`Hidden::commit`] does anything.
+    fn commits(&self) -> bool {
+        true
+    }
     /// After every step that was taken.
     fn commit(&self, _now: &Moment, _x: &mut [f64]) {}
     fn read(&self, _reading: &mut Reading, _now: &Moment, _x: &[f64]) {}

@@ -2,13 +2,22 @@
 //!
 //! Everything here is its own: the plant's equations, the integrator and the forms of the effects
 //! share nothing with the program that is measured, so that agreement between them is evidence.
-//! A case is reproduced by its seed and number alone; [`plan`] tells what it hides without
-//! simulating it.
+//! A case is reproduced by its family, seed and number alone.
 //!
-//! In an answer, `most_over_noise` is the effect's largest difference of a measured signal on the
-//! validation records, root mean square against the same rig without this effect alone, over that
-//! signal's noise. `standard` repeats the parameters that mean the same in the effect's simplest
-//! textbook form; only forms that are that form have any:
+//! - [`drawn`]: the law of every effect is drawn at random, and with it rig, sensors, clock and
+//!   drive. Figures of a diagnosis are measured on these.
+//! - `catalogue-like`: a few forms of each effect on the paper's rig, for tests that need a known
+//!   form. Eighteen of its forms are textbook forms that a diagnosis may have too, so it says
+//!   little of how a diagnosis does on a real rig.
+//!
+//! In an answer, `most_over_noise` is the effect's largest difference of a measured signal on
+//! held-out records, root mean square against the same rig without this effect alone under the
+//! same references, over that signal's noise. Held out are the validation records, and of drawn
+//! cases the unseen one too. `indistinguishable_from` of drawn cases is kept for the names of
+//! effects whose best law differs from the data by less than any method can tell; it is not
+//! computed yet and therefore empty. `standard`, of the catalogue-like family, repeats the
+//! parameters that mean the same in the effect's simplest textbook form; only forms that are that
+//! form have any:
 //!
 //! | effect | parameter | meaning |
 //! |---|---|---|
@@ -28,8 +37,10 @@
 //! | `contraction-sensor-offset` | `offset` | reading less contraction |
 
 mod case;
+pub mod drawn;
 mod drive;
 mod effects;
+mod family;
 mod hidden;
 mod live;
 mod machine;
@@ -41,6 +52,7 @@ mod tests;
 pub use case::{Case, Kind, Plan, Planned, case, experiment, plan};
 pub use drive::Drive;
 pub use effects::{CATALOGUE, Entry, Form};
+pub use family::Family;
 pub use hidden::Reading;
 pub use live::{Hiding, Seen};
 pub use record::{Sensor, Sensors};

@@ -1,6 +1,8 @@
 //! The rig in motion: gas as mass and internal energy, weight with stiction and a stop, and the
 //! integrator that finds when the weight sticks, slips and lands.
 
+mod adaptive;
+
 use std::f64::consts::PI;
 
 use crate::hidden::{Hidden, Load, Moment, Reading};
@@ -16,7 +18,7 @@ pub(crate) const HEAT_CAPACITY_P_J_PER_KG_K: f64 = 1005.0;
 pub(crate) const GRAVITY_M_PER_S2: f64 = 9.80665;
 
 /// Room for the rig's four states and those of its effects.
-const STATES: usize = 28;
+const STATES: usize = 64;
 const MASS: usize = 0;
 const ENERGY: usize = 1;
 const CONTRACTION: usize = 2;
@@ -52,6 +54,7 @@ pub(crate) struct Machine<'a> {
     time_s: f64,
     command_pa: f64,
     motion: Motion,
+    pace: adaptive::Pace,
 }
 
 impl<'a> Machine<'a> {
@@ -82,6 +85,7 @@ impl<'a> Machine<'a> {
             time_s,
             command_pa,
             motion,
+            pace: adaptive::Pace::default(),
         };
         machine.settle();
         machine

@@ -1,4 +1,6 @@
-//! Writes cases to a directory: `cases/<id>/` for the tool, `answers/<id>.json` for the scorer.
+//! Writes cases to a directory: `cases/<id>/` is for the tool that is measured.
+//!
+//! Apart from it, `held-back/<id>/` has the records that the tool must not see and `truth.json`.
 
 use std::fs;
 use std::io;
@@ -7,7 +9,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use rayon::prelude::*;
-use truth::{CATALOGUE, Case, Kind, Plan};
+use truth::{CATALOGUE, Case, Family, Kind, drawn};
 
 #[derive(Parser)]
 #[command(about, version, args_conflicts_with_subcommands = true)]
@@ -17,9 +19,12 @@ struct Arguments {
     /// Directory to write to
     #[arg(long, value_name = "DIR", required = true)]
     out: Option<PathBuf>,
-    /// Seed of all cases
+    /// Seed of all cases; of drawn ones, 10000 and above are the reporting set
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// How the laws of effects are made
+    #[arg(long, value_enum, default_value_t = Family::Drawn)]
+    family: Family,
     /// Which kind of cases
     #[arg(long, value_enum, default_value_t = Cases::All)]
     cases: Cases,
@@ -32,7 +37,7 @@ struct Arguments {
     /// Only cases that hide this effect
     #[arg(long)]
     effect: Option<String>,
-    /// Only cases that hide an effect in this form
+    /// Only cases that hide an effect in this form, of the catalogue-like family
     #[arg(long)]
     form: Option<String>,
 }
@@ -48,6 +53,7 @@ enum Cases {
     All,
     Single,
     Pair,
+    Triple,
     None,
     Unlisted,
 }
@@ -58,6 +64,7 @@ impl Cases {
             Cases::All => true,
             Cases::Single => kind == Kind::Single,
             Cases::Pair => kind == Kind::Pair,
+            Cases::Triple => kind == Kind::Triple,
             Cases::None => kind == Kind::None,
             Cases::Unlisted => kind == Kind::Unlisted,
         }
@@ -65,65 +72,77 @@ impl Cases {
 }
 
 impl Arguments {
-    fn wants(&self, plan: &Plan) -> bool {
-        let named = self.effect.is_none() && self.form.is_none();
-        let hides = plan.effects.iter().any(|planned| {
-            self.effect
-                .as_deref()
-                .is_none_or(|name| name == planned.entry.name)
-                && self
-                    .form
-                    .as_deref()
-                    .is_none_or(|name| name == planned.form.name)
-        });
-        self.cases.has(plan.kind) && (named || hides)
+    fn wants(&self, index: u64) -> bool {
+        let named = |name: &str| self.effect.as_deref().is_none_or(|wanted| wanted == name);
+        let free = self.effect.is_none() && self.form.is_none();
+        match self.family {
+            Family::Drawn => {
+                let plan = drawn::plan(self.seed, index);
+                let hides = plan.effects.iter().any(|(entry, _)| named(entry.name));
+                self.cases.has(plan.kind) && self.form.is_none() && (free || hides)
+            }
+            Family::CatalogueLike => {
+                let plan = truth::plan(self.seed, index);
+                let shaped = |form: &str| self.form.as_deref().is_none_or(|wanted| wanted == form);
+                let hides = plan
+                    .effects
+                    .iter()
+                    .any(|planned| named(planned.entry.name) && shaped(planned.form.name));
+                self.cases.has(plan.kind) && (free || hides)
+            }
+        }
     }
 }
 
 fn list() {
+    let row = |listed: bool, place: &str, name: &str, forms: &str| {
+        let kind = if listed { "listed" } else { "unlisted" };
+        println!("{kind:9} {place:13} {name:26} {forms}");
+    };
+    for entry in drawn::DRAWN {
+        row(entry.listed, entry.place, entry.name, "drawn");
+    }
     for entry in CATALOGUE {
         let forms: Vec<&str> = entry.forms.iter().map(|form| form.name).collect();
-        let kind = if entry.listed { "listed" } else { "unlisted" };
-        println!(
-            "{kind:9} {:13} {:26} {}",
-            entry.place,
-            entry.name,
-            forms.join(", ")
-        );
+        row(entry.listed, entry.place, entry.name, &forms.join(", "));
     }
+}
+
+/// Writes records, numbered from 1 if there may be several.
+fn write_records(folder: &Path, name: &str, texts: &[String]) -> io::Result<()> {
+    for (i, text) in texts.iter().enumerate() {
+        fs::write(folder.join(format!("{name}_{}.csv", i + 1)), text)?;
+    }
+    Ok(())
 }
 
 fn write(out: &Path, case: &Case) -> io::Result<()> {
-    let folder = out.join("cases").join(&case.id);
-    fs::create_dir_all(&folder)?;
-    fs::write(folder.join("rig.toml"), &case.rig_toml)?;
-    for (name, records) in [
-        ("fit", &case.fit),
-        ("validate", &case.validate),
-        ("unseen", &case.unseen),
-    ] {
-        for (i, text) in records.iter().enumerate() {
-            fs::write(folder.join(format!("{name}-{}.csv", i + 1)), text)?;
-        }
-    }
+    let given = out.join("cases").join(&case.id);
+    let held_back = out.join("held-back").join(&case.id);
+    fs::create_dir_all(&given)?;
+    fs::create_dir_all(&held_back)?;
+    fs::write(given.join("rig.toml"), &case.rig_toml)?;
+    write_records(&given, "fit", &case.fit)?;
+    write_records(&given, "validate", &case.validate)?;
+    fs::write(held_back.join("unseen.csv"), case.unseen.concat())?;
     let answer = format!("{:#}\n", case.answer);
-    fs::write(
-        out.join("answers").join(format!("{}.json", case.id)),
-        answer,
-    )
+    fs::write(held_back.join("truth.json"), answer)
 }
 
 fn write_all(arguments: &Arguments, out: &Path) -> io::Result<usize> {
-    println!("seed {}", arguments.seed);
-    fs::create_dir_all(out.join("answers"))?;
+    let (seed, family) = (arguments.seed, arguments.family);
+    match family {
+        Family::Drawn => println!("seed {seed}, {} set", drawn::set(seed)),
+        Family::CatalogueLike => println!("seed {seed}"),
+    }
     // a filter that nothing passes must not search for ever
     let numbers: Vec<u64> = (arguments.first..arguments.first + 100_000)
-        .filter(|index| arguments.wants(&truth::plan(arguments.seed, *index)))
+        .filter(|index| arguments.wants(*index))
         .take(arguments.count)
         .collect();
     numbers
         .par_iter()
-        .map(|index| write(out, &truth::case(arguments.seed, *index)))
+        .map(|index| write(out, &family.case(seed, *index)))
         .collect::<io::Result<Vec<()>>>()?;
     Ok(numbers.len())
 }

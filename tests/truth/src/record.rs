@@ -31,7 +31,7 @@ impl Sensor {
         self.sigma.hypot(self.step / 12.0_f64.sqrt())
     }
 
-    fn sense(&self, value: f64, rng: &mut Pcg64) -> f64 {
+    pub(crate) fn sense(&self, value: f64, rng: &mut Pcg64) -> f64 {
         let normal: f64 = StandardNormal.sample(rng);
         ((value + self.sigma * normal) / self.step).round() * self.step
     }

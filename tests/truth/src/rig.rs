@@ -71,7 +71,7 @@ pub(crate) struct Pair {
 }
 
 /// Rounded to `digits` significant digits, so that the text of `rig.toml` is the exact value.
-fn rounded(value: f64, digits: usize) -> f64 {
+pub(crate) fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits - 1)
         .parse()
         .expect("a formatted float parses")
@@ -136,7 +136,11 @@ fn tolerances(rng: &mut Pcg64) -> Vec<Tolerance> {
 impl Pair {
     /// A nominal rig and a true one, each toleranced value off by a draw of its tolerance.
     pub(crate) fn draw(rng: &mut Pcg64) -> Self {
-        let nominal = nominal(rng);
+        Self::around(nominal(rng), rng)
+    }
+
+    /// A true rig around a nominal one.
+    pub(crate) fn around(nominal: Rig, rng: &mut Pcg64) -> Self {
         let tolerances = tolerances(rng);
         let mut actual = nominal.clone();
         for tolerance in &tolerances {

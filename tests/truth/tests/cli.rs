@@ -15,21 +15,40 @@ fn writes_cases_and_apart_from_them_answers() {
     ];
     let output = truth().args(arguments).output().expect("it runs");
     assert!(output.status.success());
-    assert!(output.stdout.starts_with(b"seed 4\n"));
+    assert!(output.stdout.starts_with(b"seed 4, working set\n"));
     // the first case with nothing hidden
-    let case = folder.path().join("cases/s4-00003");
-    for name in [
+    let given = folder.path().join("cases/d4-00002");
+    let names = [
+        "fit_1.csv",
+        "fit_2.csv",
         "rig.toml",
-        "fit-1.csv",
-        "fit-2.csv",
-        "validate-1.csv",
-        "validate-2.csv",
-        "unseen-1.csv",
-    ] {
-        assert!(case.join(name).is_file(), "{name}");
-    }
-    let answer = std::fs::read_to_string(folder.path().join("answers/s4-00003.json"));
+        "validate_1.csv",
+        "validate_2.csv",
+    ];
+    let entries = std::fs::read_dir(&given).expect("a folder");
+    let found = entries.map(|entry| entry.expect("a file").file_name());
+    let mut found: Vec<_> = found.collect();
+    found.sort();
+    assert_eq!(found, names, "nothing else may be there to see");
+    let held_back = folder.path().join("held-back/d4-00002");
+    assert!(held_back.join("unseen.csv").is_file());
+    let answer = std::fs::read_to_string(held_back.join("truth.json"));
     assert!(answer.expect("an answer").contains("\"kind\": \"none\""));
+
+    let old = [
+        "--family",
+        "catalogue-like",
+        "--cases",
+        "none",
+        "--count",
+        "1",
+    ];
+    let output = truth()
+        .args(old)
+        .args(["--out", out, "--seed", "4"])
+        .output();
+    assert!(output.expect("it runs").stdout.starts_with(b"seed 4\n"));
+    assert!(folder.path().join("cases/s4-00003/rig.toml").is_file());
 }
 
 #[test]

@@ -1,0 +1,91 @@
+//! The two families of cases.
+
+use clap::ValueEnum;
+
+use crate::case::{Case, Kind};
+use crate::drawn;
+use crate::drive::Drive;
+
+/// How the laws of hidden effects are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Family {
+    /// Every law is drawn at random.
+    #[default]
+    Drawn,
+    /// A few forms of each effect, on the paper's rig: for tests that need a known form.
+    CatalogueLike,
+}
+
+impl Family {
+    /// As on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Family::Drawn => "drawn",
+            Family::CatalogueLike => "catalogue-like",
+        }
+    }
+
+    /// Kind of case `index` of `seed`, and the names of what it hides.
+    #[must_use]
+    pub fn plan(self, seed: u64, index: u64) -> (Kind, Vec<&'static str>) {
+        match self {
+            Family::Drawn => {
+                let plan = drawn::plan(seed, index);
+                let names = plan.effects.iter().map(|(entry, _)| entry.name);
+                (plan.kind, names.collect())
+            }
+            Family::CatalogueLike => {
+                let plan = crate::plan(seed, index);
+                let names = plan.effects.iter().map(|planned| planned.entry.name);
+                (plan.kind, names.collect())
+            }
+        }
+    }
+
+    /// Name of case `index` of `seed`, which tells nothing of the answer.
+    #[must_use]
+    pub fn id(self, seed: u64, index: u64) -> String {
+        let letter = match self {
+            Family::Drawn => 'd',
+            Family::CatalogueLike => 's',
+        };
+        format!("{letter}{seed}-{index:05}")
+    }
+
+    /// Simulates case `index` of `seed`.
+    #[must_use]
+    pub fn case(self, seed: u64, index: u64) -> Case {
+        match self {
+            Family::Drawn => drawn::case(seed, index),
+            Family::CatalogueLike => crate::case(seed, index),
+        }
+    }
+
+    /// One more record of a case, of an experiment that somebody else chose, as CSV.
+    ///
+    /// # Panics
+    /// If the drive has no sample, or takes the rig out of physics.
+    #[must_use]
+    pub fn experiment(self, seed: u64, index: u64, drive: Drive) -> String {
+        match self {
+            Family::Drawn => drawn::experiment(seed, index, drive),
+            Family::CatalogueLike => crate::experiment(seed, index, drive),
+        }
+    }
+
+    /// Names of the effects that a diagnosis can know.
+    #[must_use]
+    pub fn listed(self) -> Vec<&'static str> {
+        match self {
+            Family::Drawn => {
+                let listed = drawn::DRAWN.iter().filter(|entry| entry.listed);
+                listed.map(|entry| entry.name).collect()
+            }
+            Family::CatalogueLike => {
+                let listed = crate::CATALOGUE.iter().filter(|entry| entry.listed);
+                listed.map(|entry| entry.name).collect()
+            }
+        }
+    }
+}
