@@ -294,6 +294,16 @@ fn only_what_makes_the_error_noticeably_smaller_is_compensated() {
     assert!(!is_taken("payload", &payload(0.002)));
 }
 
+/// A loop whose whole compensation, over its nearest way, leaves the least error and no gain
+/// margin: the checks are those of [`compensated`].
+#[test]
+fn the_gain_margin_is_kept_where_more_compensation_would_leave_a_smaller_error() {
+    let steep = "\n[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 40.0\n\
+         reach = 0.01\nsharpness = 1.5\nbase_share = 0.0\n";
+    let compensation = compensated(&fitted(steep)).values().compensation;
+    assert!(compensation.hysteresis_area_m2 > 0.0);
+}
+
 #[test]
 fn sensor_errors_are_taken_off_in_full() {
     let effects = "\n[[effect]]\nname = \"pressure-sensor-offset\"\noffset_pa = 6000.0\n\

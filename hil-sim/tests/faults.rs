@@ -205,7 +205,7 @@ fn the_bounds_widen_where_no_controller_can_keep_them() {
 }
 
 #[test]
-fn a_controller_two_copies_of_whose_memory_differ_vents() {
+fn a_damaged_memory_is_a_fault_and_commands_no_pressure_if_no_two_copies_agree() {
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut controller = Controller::new(settings);
     controller.memory_mut().state.copies_mut()[0].pressure_ref_pa = 1e5;
@@ -214,9 +214,21 @@ fn a_controller_two_copies_of_whose_memory_differ_vents() {
         Some(Fault::Memory)
     );
     let mut controller = Controller::new(settings);
-    controller.memory_mut().state.copies_mut()[0].mode = Mode::Assisting;
-    controller.memory_mut().state.copies_mut()[1].mode = Mode::Playing;
-    controller.memory_mut().state.copies_mut()[2].pressure_ref_pa = 1e5;
+    for (copy, pressure_ref_pa) in [1e5, 2e5, 3e5].into_iter().enumerate() {
+        controller.memory_mut().state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
+    }
     let output = controller.tick(&Sensors::default());
     assert_eq!((output.mode, output.valve.get()), (Mode::Venting, 0));
+}
+
+#[test]
+fn a_reference_beyond_its_limit_is_not_passed_on() {
+    let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
+    let mut controller = Controller::new(settings);
+    for copy in 0..3 {
+        let state = &mut controller.memory_mut().state.copies_mut()[copy];
+        (state.mode, state.pressure_ref_pa) = (Mode::Holding, 6e5);
+    }
+    let output = controller.tick(&Sensors::default());
+    assert_eq!(output.pressure_ref.0, settings.values().pressure_pa_max);
 }

@@ -1,7 +1,9 @@
 //! The controller over its whole input range, and through each of its modes.
 
 use model_core::compensation::Compensation;
+use model_core::consistency::ForceBalance;
 use model_core::controller::Controller;
+use model_core::device::{Command, Device, Pins};
 use model_core::error::SettingsError;
 use model_core::io::{Output, Request, Sensors};
 use model_core::limits::{LIMITS, PLAY_SILENCE_TICKS};
@@ -10,6 +12,7 @@ use model_core::pressure::GaugePa;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
+use model_core::timing::Timing;
 use proptest::prelude::*;
 
 fn reference() -> Settings {
@@ -684,6 +687,158 @@ fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
     }
 }
 
+/// Settings with which the reference engages at 500 Pa a tick.
+fn that_engage_slowly() -> SettingsValues {
+    SettingsValues {
+        engage_rate_pa_per_s: 5e4,
+        ..SettingsValues::reference()
+    }
+}
+
+#[test]
+fn the_reference_is_slow_until_it_has_met_the_law_and_after_a_hold() {
+    let mut bench = ready(that_engage_slowly());
+    bench.request = Request::Assist;
+    let mut last_pa = bench.tick().pressure_ref.0;
+    for _ in 0..200 {
+        let output = bench.tick_in_balance();
+        assert!(output.pressure_ref.0 - last_pa <= 500.1, "engaging");
+        last_pa = output.pressure_ref.0;
+    }
+    assert!(bench.controller.state().engaged);
+    bench.request = Request::Hold;
+    bench.tick();
+    bench.finger_n = 6.0;
+    bench.request = Request::Assist;
+    let resumed_pa = bench.tick().pressure_ref.0 - last_pa;
+    assert!((1.0..=500.1).contains(&resumed_pa), "{resumed_pa}");
+}
+
+#[test]
+fn the_reference_is_fast_again_after_a_bridged_reading() {
+    let mut bench = ready(that_engage_slowly());
+    bench.request = Request::Assist;
+    for _ in 0..200 {
+        bench.tick_in_balance();
+    }
+    bench.request = Request::None;
+    let mut sensors = bench.sensors();
+    sensors.bridge = AdcCount(4095);
+    let held = bench.tick_with(&sensors);
+    assert_eq!(held.mode, Mode::Holding);
+    bench.finger_n = 6.0;
+    let resumed_pa = bench.tick().pressure_ref.0 - held.pressure_ref.0;
+    assert!(resumed_pa > 1e3, "{resumed_pa}");
+}
+
+/// At the vent rate a tick takes 2 kPa.
+#[test]
+fn venting_is_slow_only_for_pressure_that_the_muscle_may_have() {
+    let mut bench = ready(values_with_experiment());
+    bench.request = Request::Play(350_000);
+    let ahead_pa = |bench: &Bench| bench.controller.state().pressure_ref_pa - bench.pressure_pa;
+    while ahead_pa(&bench) < 8e4 {
+        bench.tick_with_valve(0.04);
+    }
+    bench.request = Request::Vent;
+    let before_pa = bench.controller.state().pressure_ref_pa;
+    let fall_pa = before_pa - bench.tick().pressure_ref.0;
+    assert!(
+        fall_pa > 2.1e3,
+        "the muscle does not have it yet: {fall_pa}"
+    );
+
+    // A sensor that reads less does not prove that the muscle has less.
+    let mut bench = lifted();
+    for _ in 0..200 {
+        bench.tick_in_balance();
+    }
+    bench.request = Request::Vent;
+    bench.pressure_pa = 5e4;
+    // In the first tick the reference is above the slowest valve's pressure by a rounding error.
+    let mut last_pa = bench.tick().pressure_ref.0;
+    for _ in 0..20 {
+        let output = bench.tick();
+        assert!(last_pa - output.pressure_ref.0 <= 2e3 + 0.1);
+        last_pa = output.pressure_ref.0;
+    }
+}
+
+#[test]
+fn a_board_is_armed_until_its_reference_is_zero() {
+    let settings = Settings::new(SettingsValues {
+        stuck_ticks: 0,
+        ..SettingsValues::reference()
+    });
+    let mut device = Device::new(settings.expect("valid settings"));
+    let pins = Pins {
+        bridge: AdcCount(2048),
+        pressure: AdcCount(410),
+        ..Pins::default()
+    };
+    let mut tick = |request: Request| {
+        let command = Command::Request(request);
+        device.tick(&pins, Timing::default(), core::iter::once(command))
+    };
+    for _ in 0..60 {
+        assert!(!tick(Request::None).armed);
+    }
+    for _ in 0..20 {
+        assert!(tick(Request::Assist).armed);
+    }
+    let mut venting = tick(Request::Vent);
+    assert!(venting.telemetry.output.pressure_ref.0 > 0.0);
+    while venting.telemetry.output.pressure_ref.0 > 0.0 {
+        assert!(venting.armed, "{:?}", venting.telemetry.output);
+        venting = tick(Request::None);
+    }
+    assert!(!venting.armed);
+}
+
+/// A heavy weight that swings by 3 mm at 4 Hz: its acceleration alone is five times the largest
+/// error. `missing` tells which ticks did not happen.
+fn balance_of_a_swing(missing: fn(u32) -> bool) -> bool {
+    let values = SettingsValues {
+        load_kg: 300.0,
+        ..SettingsValues::reference()
+    };
+    let mut balance = ForceBalance::default();
+    let (mut missed, mut has_failed) = (false, false);
+    // sin and cos step by step: no_std has none. A tick turns by 2π · 4 Hz · 10 ms.
+    let (turn_sin, turn_cos) = (0.248_689_89_f64, 0.968_583_16_f64);
+    let (mut sin, mut cos) = (0.0, 1.0);
+    for tick in 0..200 {
+        (sin, cos) = (
+            sin * turn_cos + cos * turn_sin,
+            cos * turn_cos - sin * turn_sin,
+        );
+        let contraction = 0.15 + 0.01 * sin;
+        // The acceleration that differences of ticks have: 2(cos − 1)/T² in place of −ω².
+        let acceleration_m_per_s2 = 0.3 * 0.01 * sin * 2.0 * (turn_cos - 1.0) / 1e-4;
+        let force_n = 300.0 * (9.80665 + acceleration_m_per_s2);
+        let shortened = 1.0 - contraction;
+        let pressure_pa = (force_n + 183.0) / (3.7718e-3 * shortened * shortened - 1.39e-3);
+        if missing(tick) {
+            missed = true;
+            continue;
+        }
+        balance = balance.next(&values, contraction as f32, pressure_pa as f32, missed);
+        has_failed |= balance.has_failed(&values);
+        missed = false;
+    }
+    has_failed
+}
+
+#[test]
+fn a_weight_that_swings_is_in_balance_with_its_acceleration() {
+    assert!(!balance_of_a_swing(|_| false));
+}
+
+#[test]
+fn ticks_that_are_missed_do_not_look_like_an_acceleration() {
+    assert!(!balance_of_a_swing(|tick| tick % 5 == 0));
+}
+
 /// A bench in an experiment whose weight hangs at 200 kPa, at ε = 0.124.
 fn lifted() -> Bench {
     let mut bench = ready(values_with_experiment());
@@ -897,7 +1052,7 @@ fn fault_of_self_check(bench: &mut Bench, disturb: fn(&mut Bench)) -> Option<Fau
 #[test]
 fn settings_that_disable_a_check_are_refused() {
     type Change = fn(&mut SettingsValues);
-    let changes: [(&str, Change); 16] = [
+    let changes: [(&str, Change); 23] = [
         ("bridge.per_count", |v| v.bridge.per_count = 1e-20),
         ("bridge.per_count", |v| v.bridge.zero_count = 100.0),
         ("bridge.per_count", |v| v.finger_force_n_max = 25.0),
@@ -920,6 +1075,15 @@ fn settings_that_disable_a_check_are_refused() {
         ("force_error_n_max", |v| v.force_error_n_max = 2e3),
         ("valve_drive.pa_per_v", |v| v.valve_drive.pa_per_v = 1e7),
         ("stuck_ticks", |v| v.stuck_ticks = 65_535),
+        ("contraction_max", |v| {
+            (v.contraction_max, v.contraction_trip) = (0.36, 0.37)
+        }),
+        ("contraction_trip", |v| v.contraction_trip = 0.30),
+        ("pressure_pa_max", |v| v.supply_pressure_pa = 4e5),
+        ("pressure_pa_max", |v| v.valve_drive.amplifier_gain = 2.0),
+        ("play_pressure_pa_max", |v| v.play_pressure_pa_max = 6e5),
+        ("pressure_trip_pa", |v| v.pressure_trip_pa = 5e5),
+        ("self_check_ticks_max", |v| v.self_check_ticks_max = 40),
     ];
     for (setting, change) in changes {
         let mut values = SettingsValues::reference();
