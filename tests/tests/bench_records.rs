@@ -4,7 +4,7 @@
 use hil_sim::identify::diagnosis::{Diagnosis, diagnose};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
-use model_discrepancy::choice::Verdict;
+use model_discrepancy::verdict::Verdict;
 use muscle_plant::effects::Catalogue;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;

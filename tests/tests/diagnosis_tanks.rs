@@ -4,9 +4,9 @@
 //! h1' = −k1 √h1 + k2 u, h2' = k1 √h1 − k3 √h2. Both levels are measured with noise. The truth is
 //! simulated as a whole with short steps, the model block by block with the records' steps.
 
-use model_discrepancy::choice::{Choice, Verdict, choose};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model, Parameter};
 use model_discrepancy::least_squares::Residuals;
+use model_discrepancy::verdict::{Choice, Verdict, choose};
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;

@@ -8,7 +8,7 @@ use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
-use model_discrepancy::choice::Step;
+use model_discrepancy::verdict::Step;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 

@@ -1,6 +1,6 @@
 //! Finds where simulation and measurement disagree, and which effect is missing.
 //!
-//! [`model_discrepancy::engine`] fits and predicts, [`model_discrepancy::choice`] decides,
+//! [`model_discrepancy::engine`] fits and predicts, [`model_discrepancy::verdict`] decides,
 //! [`model_discrepancy::left`] tells where residuals live: none of them knows a muscle.
 //! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
@@ -12,9 +12,9 @@ use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use model_discrepancy::choice::{Choice, SHARE, Step, TOO_FAR, Verdict, Watch, choose};
 use model_discrepancy::engine::{Active, Engine, Hypothesis, Model, Part, Tally};
 use model_discrepancy::left::{Profile, profiles, when};
+use model_discrepancy::verdict::{Choice, SHARE, Step, TOO_FAR, Verdict, Watch, choose};
 use muscle_plant::nominal::Gas;
 use muscle_plant::simulation::TOLERANCE;
 use rayon::prelude::*;

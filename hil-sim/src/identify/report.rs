@@ -4,8 +4,8 @@ use super::diagnosis::{self, Diagnosed, Diagnosis, Named};
 use crate::identify::gap::{SIGNALS, significant};
 use crate::record::Record;
 use crate::report::{Axis, Plot, Report, Section, Series, Table};
-use model_discrepancy::choice::Verdict;
 use model_discrepancy::left::Profile;
+use model_discrepancy::verdict::Verdict;
 
 /// Candidates that are shown.
 const SHOWN: usize = 12;

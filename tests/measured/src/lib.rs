@@ -11,8 +11,8 @@ pub mod report;
 pub mod tanks;
 
 use hil_sim::report::Plot;
-use model_discrepancy::choice::{Choice, Verdict};
 use model_discrepancy::engine::{Candidate, Model, Parameter};
+use model_discrepancy::verdict::{Choice, Verdict};
 use serde::Serialize;
 use std::path::Path;
 

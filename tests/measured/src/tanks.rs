@@ -7,9 +7,9 @@
 use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
 use hil_sim::error::BadInput;
 use hil_sim::record::Record;
-use model_discrepancy::choice::choose;
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
 use model_discrepancy::least_squares::Residuals;
+use model_discrepancy::verdict::choose;
 use std::path::Path;
 use std::time::Instant;
 

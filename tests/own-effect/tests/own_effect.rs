@@ -7,7 +7,7 @@ use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use hil_sim::rig::Rig;
 use model_core::pressure::GaugePa;
 use model_core::settings::SettingsValues;
-use model_discrepancy::choice::Verdict;
+use model_discrepancy::verdict::Verdict;
 use muscle_plant::effects::{Catalogue, CompensationMethod};
 use own_effect::catalogue;
 use own_effect::pulley_eccentricity::KIND;
