@@ -63,8 +63,8 @@ fn plug(path: &Path) -> (TTYPort, TTYPort) {
     (board_end, program_end)
 }
 
-/// The program has not read all that it was sent. Counting the bytes would not do: only a poll, with
-/// which this read of nothing begins, waits for those that the kernel has not passed on yet.
+/// The program has not read all that it was sent. Counting the bytes would not do: only a poll,
+/// with which this read of nothing begins, waits for those that the kernel has not passed on yet.
 fn has_unread(program_end: &mut TTYPort) -> bool {
     program_end.read(&mut []).is_ok()
 }
