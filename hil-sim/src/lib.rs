@@ -1,4 +1,5 @@
-//! Records, rigs, the test bench around the muscle plant, its identification from data, and reports.
+//! Records, rigs, the test bench around the muscle plant, its identification from data, and
+//! reports.
 
 pub mod bench;
 pub mod design;

@@ -1,5 +1,5 @@
-//! Analysis of a tick's sensors: which readings are plausible, whether they are consistent, and what
-//! the supervisor has to know. It has no effect but on the state that it returns.
+//! Analysis of a tick's sensors: which readings are plausible, whether they are consistent, and
+//! what the supervisor has to know. It has no effect but on the state that it returns.
 
 use crate::io::{Request, Sensors};
 use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};

@@ -75,7 +75,8 @@ impl Slider {
         )
     }
 
-    /// Stretch of the spring over the one at which the slider moves: 1 while the muscle contracts, −1 while it extends.
+    /// Stretch of the spring over the one at which the slider moves: 1 while the muscle contracts,
+    /// −1 while it extends.
     fn share(self, contraction: f32, reach: f32) -> f32 {
         if reach > 0.0 {
             limited((contraction - self.0) / reach, 1.0)
@@ -245,8 +246,8 @@ mod tests {
         assert!((flicker_n - 8.0 * 0.0125).abs() < 1e-3, "{flicker_n}");
     }
 
-    /// On a ramp of 100 kPa/s the reference leads by 20 ms, which are 2 kPa. The dead zone's inverse
-    /// is complete from a quarter of its width on.
+    /// On a ramp of 100 kPa/s the reference leads by 20 ms, which are 2 kPa. The dead zone's
+    /// inverse is complete from a quarter of its width on.
     #[test]
     fn reference_leads_and_is_moved_beyond_the_dead_zone() {
         let lead = Compensation {

@@ -19,7 +19,8 @@ const BUTTON_TICKS: u8 = 3;
 /// A command of the link for a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
-    /// A request to the controller. With hardware in the loop requests come with the sensors instead.
+    /// A request to the controller. With hardware in the loop requests come with the sensors
+    /// instead.
     Request(Request),
     /// Begin hardware in the loop: sensors from the link, the valve at its safe voltage. Does
     /// nothing while armed.

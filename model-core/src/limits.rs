@@ -21,7 +21,7 @@ macro_rules! supervisor_limits {
 supervisor_limits! {
     // Plausibility of one reading.
     ADC_VALID: RangeInclusive<u16> = 16..=COUNT_MAX - 16, "count",
-        "Readings of an ADC with an intact wire: nearer to an end of the scale it is open or shorted.";
+        "Readings with an intact wire: nearer to an end of the scale it is open or shorted.";
     PRESSURE_PA_MIN: f32 = -2e4, "Pa, gauge",
         "Lowest plausible pressure: muscle and valve draw no vacuum.";
     STOP_CONTRACTION: f32 = 0.02, "1",

@@ -101,8 +101,8 @@ pub struct SettingsValues {
 impl SettingsValues {
     /// The paper's rig with the electronics of docs/theory.md.
     ///
-    /// docs/safety.md derives the values that concern safety. `encoder_stuck_pa`: static friction of 7 N both
-    /// ways over ∂F/∂P ≥ 3.0e-4 m² (at `contraction_trip`) is 46 kPa.
+    /// docs/safety.md derives the values that concern safety. `encoder_stuck_pa`: static friction
+    /// of 7 N both ways over ∂F/∂P ≥ 3.0e-4 m² (at `contraction_trip`) is 46 kPa.
     pub const fn reference() -> SettingsValues {
         SettingsValues {
             muscle: Muscle {

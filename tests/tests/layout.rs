@@ -44,7 +44,7 @@ const INTENDED: &[(&[&str], &str)] = &[
             "muscle-plant/src/effects/compensation.rs",
             "muscle-plant/src/effects/kind.rs",
         ],
-        "Each kind of effect names its compensation method, which computes its sizes from an effect.",
+        "A kind of effect names its compensation method, which computes sizes from an effect.",
     ),
     (
         &[

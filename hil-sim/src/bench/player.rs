@@ -46,7 +46,8 @@ pub struct Player {
 }
 
 impl Player {
-    /// Plays the `pressure_ref_pa` of a record, each value from its row's time until the next row's.
+    /// Plays the `pressure_ref_pa` of a record, each value from its row's time until the next
+    /// row's.
     ///
     /// # Errors
     /// The record lacks this column, or a value is negative.
@@ -116,11 +117,11 @@ impl Player {
         row.copied().unwrap_or(false)
     }
 
-    /// The reference pressure for `row` \[Pa\]. While the shut-off valve is shut, the reference stays
-    /// within a band around the measured pressure, which may leak away: the controller then reports
-    /// no deviation, and only little air flows when the shut-off valve opens. The reference does not
-    /// follow the measured pressure itself: while the user has not yet shut the valve by hand, the
-    /// proportional valve would follow the sensor's error.
+    /// The reference pressure for `row` \[Pa\]. While the shut-off valve is shut, the reference
+    /// stays within a band around the measured pressure, which may leak away: the controller then
+    /// reports no deviation, and only little air flows when the shut-off valve opens. The reference
+    /// does not follow the measured pressure itself: while the user has not yet shut the valve by
+    /// hand, the proportional valve would follow the sensor's error.
     fn request_pa(&mut self, row: usize, output: &Output) -> u32 {
         let planned_pa = self.reference_pa[row];
         let measured_pa = f64::from(output.pressure.0);

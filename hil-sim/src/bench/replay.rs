@@ -1,8 +1,8 @@
-//! Replay: feeds a record's inputs to a controller again, in this program or on a board, and compares
-//! its outputs tick by tick.
+//! Replay: feeds a record's inputs to a controller again, in this program or on a board, and
+//! compares its outputs tick by tick.
 //!
-//! A record can be compared from a start of its controller, when its state is known, up to the first
-//! missing tick.
+//! A record can be compared from a start of its controller, when its state is known, up to the
+//! first missing tick.
 
 use crate::bench::board_settings;
 use crate::bench::error::Error;

@@ -6,8 +6,8 @@ use std::path::Path;
 
 /// The settings as TOML, which reads back to the same values.
 pub fn to_toml(values: &SettingsValues) -> String {
-    // By way of JSON, whose writer gives an f32 its shortest exact digits. A plain struct of numbers
-    // is valid in both formats.
+    // By way of JSON, whose writer gives an f32 its shortest exact digits. A plain struct of
+    // numbers is valid in both formats.
     let json = serde_json::to_string(values).unwrap_or_default();
     let value: serde_json::Value = serde_json::from_str(&json).unwrap_or_default();
     let toml = toml_edit::ser::to_string_pretty(&value).unwrap_or_default();

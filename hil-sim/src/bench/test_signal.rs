@@ -158,8 +158,8 @@ impl Limits {
     }
 
     /// Range of pressures for one step from `from_pa`. An undamped weight overshoots its new
-    /// equilibrium by the size of the step: it must neither pass the largest contraction nor hit the
-    /// stop.
+    /// equilibrium by the size of the step: it must neither pass the largest contraction nor hit
+    /// the stop.
     fn step_range(&self, from_pa: f64) -> RangeInclusive<f64> {
         let Some(swing) = &self.swing else {
             return self.low_pa..=self.high_pa;
@@ -200,8 +200,8 @@ struct Writer {
 /// A test signal.
 #[derive(Clone, Debug)]
 pub struct TestSignal {
-    /// `pressure_ref_pa` and, if the shut-off valve is to be shut, `valve_open`; one row per tick of
-    /// the board.
+    /// `pressure_ref_pa` and, if the shut-off valve is to be shut, `valve_open`; one row per tick
+    /// of the board.
     pub record: Record,
     /// Its parts, and the start of each \[s\].
     pub parts: Vec<(Part, f64)>,
@@ -244,8 +244,8 @@ impl Writer {
         self.reference_pa.last().copied().unwrap_or(0.0)
     }
 
-    /// Adds `duration_s` of `shape`, a function of the time since its start, within pressure and rate
-    /// limits, in whole pascals.
+    /// Adds `duration_s` of `shape`, a function of the time since its start, within pressure and
+    /// rate limits, in whole pascals.
     fn draw(&mut self, duration_s: f64, shape: impl Fn(f64) -> f64) {
         for row in 1..=(duration_s * RATE_HZ).round() as usize {
             let wanted_pa = shape(row as f64 / RATE_HZ).round();
@@ -350,8 +350,8 @@ impl Writer {
         }
     }
 
-    /// Seven octaves, each with half the amplitude of the one below, so that all change equally fast,
-    /// with Schroeder's phases (1970) for a low crest factor.
+    /// Seven octaves, each with half the amplitude of the one below, so that all change equally
+    /// fast, with Schroeder's phases (1970) for a low crest factor.
     fn multisine(&mut self) {
         const OCTAVES: i32 = 7;
         let (middle_pa, part_pa) = self.limits.middle();

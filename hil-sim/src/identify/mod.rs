@@ -1,5 +1,5 @@
-//! The muscle as a model of the estimator: simulations of records, residuals of its subsystems, and the
-//! diagnosis of what is missing.
+//! The muscle as a model of the estimator: simulations of records, residuals of its subsystems, and
+//! the diagnosis of what is missing.
 
 pub mod diagnosis;
 pub mod gap;

@@ -221,10 +221,10 @@ mod tests {
         assert!(cut <= steps_max, "{whole}, {cut}");
     }
 
-    /// A reference that steps to 300, 240, 260 and 200 kPa every 0.5 s, on a rig with more friction.
-    /// At the end of an exhaust the gas is colder than the wall: the heat transfer of charging would
-    /// let it flow out and that of discharging would let it flow in, so that there is no flow for two
-    /// rows, in which the pressure is the reference.
+    /// A reference that steps to 300, 240, 260 and 200 kPa every 0.5 s, on a rig with more
+    /// friction. At the end of an exhaust the gas is colder than the wall: the heat transfer of
+    /// charging would let it flow out and that of discharging would let it flow in, so that there
+    /// is no flow for two rows, in which the pressure is the reference.
     #[test]
     fn a_flow_that_either_heat_transfer_would_reverse_stays_at_zero() {
         let Load::Weight(weight) = Nominal::REFERENCE.load else {

@@ -1,5 +1,5 @@
-//! A catalogue with one effect more: its file, and one line here. The tests simulate, diagnose, list,
-//! check and compensate it as any other effect.
+//! A catalogue with one effect more: its file, and one line here. The tests simulate, diagnose,
+//! list, check and compensate it as any other effect.
 
 pub mod pulley_eccentricity;
 

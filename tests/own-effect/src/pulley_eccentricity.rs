@@ -1,5 +1,5 @@
-//! `pulley-eccentricity`: the rope to the force sensor runs over a pulley that is not concentric with
-//! its axle.
+//! `pulley-eccentricity`: the rope to the force sensor runs over a pulley that is not concentric
+//! with its axle.
 
 use muscle_plant::effects::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,

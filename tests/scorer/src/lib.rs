@@ -7,7 +7,8 @@
 //! ```text
 //! cargo build --release && cargo run --release -p scorer -- run --seed 1 --count 200
 //! cargo run --release -p scorer -- run --seed 10000 --count 1000 --out out/score-reported
-//! cargo run --release -p scorer -- run --seed 10001 --kind none --count 400 --out out/score-healthy
+//! cargo run --release -p scorer -- run --seed 10001 --kind none --count 400 \
+//!     --out out/score-healthy
 //! ```
 //!
 //! It prints a summary and writes `out/score/score.{json,html}`. A run that was interrupted goes on
@@ -47,9 +48,9 @@
 //! Rates have Wilson's 95 % intervals, medians those of the order statistics.
 //!
 //! A signal is worse than before if its gap on validation or unseen records has grown by more than
-//! 5 % and is more than a tenth above the noise; an entry of `warnings` in `diagnosis.json` that has
-//! the signal's column name warns of it. Probabilities of names and of whole hypotheses, from schema
-//! 2 on, are held against how often they are right, in ten bins.
+//! 5 % and is more than a tenth above the noise; an entry of `warnings` in `diagnosis.json` that
+//! has the signal's column name warns of it. Probabilities of names and of whole hypotheses, from
+//! schema 2 on, are held against how often they are right, in ten bins.
 
 pub mod answer;
 pub mod child;

@@ -486,7 +486,8 @@ fn the_reports_have_it_all() {
         "Warning: old.",
         "leak     creep 1, leak 1",
         "no answer: gone",
-        "--family drawn --seed 1 --first 3 --count 1 --again --out out/x-again --diagnose other --experiment zero",
+        "--family drawn --seed 1 --first 3 --count 1 --again --out out/x-again --diagnose other \
+         --experiment zero",
     ] {
         assert!(text.contains(part), "{part}\n{text}");
     }

@@ -1,8 +1,8 @@
 //! The client of a board's serial link (docs/link.md): queries, settings, and hardware in the loop
 //! tick by tick, over a line that may lose, damage and repeat bytes, or be unplugged.
 //!
-//! A [`Transport`] moves bytes and may lose them; the client detects and repairs the losses. Time is
-//! the board's: on an emulated board it passes only while the PC waits.
+//! A [`Transport`] moves bytes and may lose them; the client detects and repairs the losses. Time
+//! is the board's: on an emulated board it passes only while the PC waits.
 
 use model_core::device::{Command, SimulatedSensors};
 use model_core::io::{Output, Sensors};
@@ -30,8 +30,8 @@ const ENTER_EVERY: usize = 4;
 const ENTER_TICKS_MAX: usize = 100;
 /// Number of repeated messages without effect after which the first one must have been received.
 const REPEATED_WITHOUT_EFFECT: usize = 20;
-/// Telemetry that is older than the last one by up to so many ticks is an echo of the line; if it is
-/// older still, the board has been reset.
+/// Telemetry that is older than the last one by up to so many ticks is an echo of the line; if it
+/// is older still, the board has been reset.
 const ECHO_TICKS: i32 = 16;
 
 /// The transport has failed permanently. A serial port that may come back does not fail.
@@ -372,8 +372,8 @@ impl<P: Transport> Client<P> {
         Ok(telemetry)
     }
 
-    /// One tick with hardware in the loop: the controller reads `sensors` exactly once, whatever the
-    /// line loses or repeats. Enters hardware in the loop again if the board has left it.
+    /// One tick with hardware in the loop: the controller reads `sensors` exactly once, whatever
+    /// the line loses or repeats. Enters hardware in the loop again if the board has left it.
     ///
     /// # Errors
     /// The board no longer answers.

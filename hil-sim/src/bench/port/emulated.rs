@@ -9,8 +9,8 @@
 //! ```
 //!
 //! It sends the bytes to the board and lets time pass until the board has ended a frame, at most
-//! for the given time. The text holds the board's log and the errors that the emulator found, a line
-//! each. The program ends when its stdin ends.
+//! for the given time. The text holds the board's log and the errors that the emulator found, a
+//! line each. The program ends when its stdin ends.
 
 use crate::bench::port::client::{Transport, TransportError};
 use crate::error::BadInput;
@@ -139,7 +139,8 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 const HOW_FIRMWARE: &str = "the firmware's ELF, found none: build it with `cargo firmware` \
     (docs/wiring.md), or set FIRMWARE to its path";
 const HOW_PROGRAM: &str = "the emulated board's program, found none: build it with \
-    `cargo build --release --manifest-path tests/board/Cargo.toml`, or set EMULATED_BOARD to its path";
+    `cargo build --release --manifest-path tests/board/Cargo.toml`, or set EMULATED_BOARD to its \
+    path";
 
 /// The firmware's ELF and the emulated board's program: as the variables FIRMWARE and
 /// EMULATED_BOARD name them, else where cargo puts them.

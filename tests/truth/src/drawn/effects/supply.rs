@@ -66,7 +66,8 @@ pub(super) fn droop(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     let recovery_s = log_between(rng, 0.4, 3.0);
     let reservoir_m3 = bench.volume_m3 * bench.high_pa / fall_pa;
     let words = format!(
-        "a reservoir of {:.2} L, from which a fill takes {:.0} kPa, recovering in {recovery_s:.2} s",
+        "a reservoir of {:.2} L, from which a fill takes {:.0} kPa, recovering in \
+         {recovery_s:.2} s",
         1e3 * reservoir_m3,
         1e-3 * fall_pa
     );
