@@ -203,7 +203,8 @@ impl Package {
                 .chain(&module.paths);
             for target in paths.filter_map(|path| self.target(index, path, 8)) {
                 let (file, imported) = (&module.file, &self.modules[target].file);
-                if !is_part(file, imported) && !is_part(imported, file) {
+                // A part may refer to its module: the module is made of its parts.
+                if !is_part(file, imported) {
                     imports.insert((file.as_path(), imported.as_path()));
                 }
             }
