@@ -91,7 +91,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("hil-sim: {failure}");
-            // A board that no longer answers is nobody's bad input.
+            // Status 1: a board that stopped answering is not bad input.
             ExitCode::from(if matches!(failure, Failure::Link(_)) {
                 1
             } else {

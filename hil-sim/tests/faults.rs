@@ -43,7 +43,7 @@ fn kind(name: &str) -> &'static Kind {
     found.unwrap_or_else(|| panic!("no kind of fault is called {name}"))
 }
 
-/// Every form of every effect at its usual size, in lifts as people do them: no false alarm.
+/// Every form of every effect at its typical size, in lifts as people do them: no false alarm.
 #[test]
 fn a_healthy_rig_raises_no_alarm() {
     let healthy = kind("healthy");

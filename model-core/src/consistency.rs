@@ -4,7 +4,7 @@
 use crate::constants::{GRAVITY_M_PER_S2, TICK_S};
 use crate::limits::{FORCE_BALANCE_MEAN_S, OVER_SPEED, OVER_SPEED_TICKS, STOP_CONTRACTION};
 use crate::number::Number;
-use crate::plausibility::Tally;
+use crate::plausibility::BadTickCount;
 use crate::pressure::GaugePa;
 use crate::settings::SettingsValues;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub struct PressureFollower {
     /// P_s \[Pa\].
     slow_pa: f32,
     /// Ticks with the pressure outside.
-    outside: Tally,
+    outside: BadTickCount,
 }
 
 impl PressureFollower {
@@ -65,7 +65,7 @@ pub struct ForceBalance {
     /// The mean residual \[N\].
     error_n: f32,
     /// Ticks with the residual outside its tolerance.
-    outside: Tally,
+    outside: BadTickCount,
     /// Ticks in a row in which the weight was too fast.
     fast_ticks: u8,
 }

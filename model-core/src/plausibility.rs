@@ -28,9 +28,9 @@ pub enum SensorStatus {
 /// Counts bad ticks. A good tick takes back a tenth of a bad one, so that an intermittent fault is
 /// detected too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Tally(u16);
+pub struct BadTickCount(u16);
 
-impl Tally {
+impl BadTickCount {
     /// Counts one more tick.
     pub fn add(&mut self, bad: bool, limit: u8) {
         self.0 = if bad {
@@ -67,7 +67,7 @@ pub struct SensorMonitor {
     /// Ticks without a reading within its range, up to now.
     blind_ticks: f32,
     /// Implausible readings.
-    suspects: Tally,
+    suspects: BadTickCount,
     /// There was a first reading.
     begun: bool,
 }

@@ -3,7 +3,7 @@
 use crate::compensation::CompensationState;
 use crate::consistency::{ForceBalance, PressureFollower};
 use crate::number::Number;
-use crate::plausibility::{SensorMonitor, Tally};
+use crate::plausibility::{BadTickCount, SensorMonitor};
 use crate::settings::{Settings, SettingsValues};
 use crate::signal::EncoderCount;
 use crate::supervisor::{Decision, Fault, Mode};
@@ -44,7 +44,7 @@ pub struct State {
     /// See `played_pa`.
     pub silent_ticks: u8,
     /// Ticks in which the muscle had pressure, or had lifted, without a request.
-    pub uncommanded: Tally,
+    pub uncommanded: BadTickCount,
     /// Monitor of the strain-gauge bridge \[N\].
     pub bridge: SensorMonitor,
     /// Monitor of the pressure sensor \[Pa\].

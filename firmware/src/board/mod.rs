@@ -24,7 +24,7 @@ pub const TICK_US: u32 = 1_000 * TICK_PERIOD_MS;
 /// CPU cycles per tick.
 pub const TICK_CYCLES: NonZeroU32 = NonZeroU32::new(SYSCLK_HZ / 1_000_000 * TICK_US).unwrap();
 /// Counts of the tick timer per tick: one per microsecond.
-pub const TICK_COUNTS: u32 = 10_000;
+pub const TICK_COUNTS: u32 = TICK_US;
 
 /// Baud rate of the link \[bit/s\]: telemetry takes 7 % of it.
 pub const LINK_BAUD: u32 = 921_600;

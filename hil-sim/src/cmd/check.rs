@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 /// Is a record fit for a diagnosis? Sampling, noise, broken sensors, what it moves
 ///
-/// And which blocks of the plant it can tell of.
+/// Also: which subsystems can be diagnosed from it.
 ///
 /// It ends in status 0 whatever it finds: errors are what `diagnose` refuses, warnings what it will
 /// suffer from.
@@ -100,8 +100,8 @@ fn words(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
         check.signals.iter().map(row).collect(),
     );
     let blocks = table(
-        "What it can tell of",
-        &["block", "enough", "missing, or blind to"],
+        "What can be diagnosed from it",
+        &["subsystem", "enough", "missing, or cannot show"],
         blocks.iter().map(block_row).collect(),
     );
     Report {

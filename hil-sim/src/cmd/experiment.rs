@@ -9,15 +9,15 @@ use hil_sim::rig::Rig;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Write the reference pressure of the next experiment, within the rig's limits
+/// Write the test signal of the next experiment, within the rig's limits
 ///
-/// Vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
-/// and
-/// steps that grow: what tells effects apart that one record alone does not. Vented at both ends.
+/// A vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
+/// and growing steps: together they distinguish effects that one record does not. Vented at both
+/// ends.
 ///
-/// For shut-holds somebody shuts a cock between valve and pressure sensor where `valve_open` is 0;
-/// `hil-sim record --play` says when, and writes the column to the record, which `simulate` and
-/// `diagnose` heed. While it is shut nothing vents the muscle: secure the weight.
+/// In shut-holds a person shuts a shut-off valve between valve and pressure sensor while
+/// `valve_open` is 0. `hil-sim record --play` says when and writes the column to the record;
+/// `simulate` and `diagnose` use it. Nothing vents the muscle behind it: secure the weight.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -52,16 +52,16 @@ pub struct Args {
     /// The record to write
     #[arg(long, value_name = "REC.csv")]
     out: PathBuf,
-    /// Have the controller begin anew first, so that the record can be replayed; refused while the
+    /// Restart the controller first, so that the record can be replayed; refused while the
     /// board is armed
     #[arg(long)]
     from_start: bool,
     /// Overwrite files that are there
     #[arg(long)]
     force: bool,
-    /// Play this experiment on the board's muscle (see `hil-sim experiment`) and end with it;
-    /// nobody may be near the weight. The board has to allow it: `play_pressure_pa_max` of its
-    /// settings. Where a cock is to be shut (`valve_open` 0) it says when
+    /// Play this test signal on the board's muscle (see `hil-sim experiment`) and end with it;
+    /// keep people away from the weight. The board has to allow it: `play_pressure_pa_max` of its
+    /// settings. It says when to shut the shut-off valve (`valve_open` 0) and when to open it
     #[arg(long, value_name = "EXP.csv", conflicts_with = "duration")]
     play: Option<PathBuf>,
     /// Have the board allow --play its pressures, and forbid it again at the end
@@ -81,7 +81,7 @@ struct Summary {
     record: String,
     ticks: usize,
     replayable: bool,
-    /// How the experiment ended, if one was played.
+    /// How the test signal ended, if one was played.
     #[serde(skip_serializing_if = "Option::is_none")]
     played: Option<String>,
     link: LinkCounts,
@@ -112,17 +112,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => None,
     };
     let mut timeline = Timeline::new(settings, from);
-    let mut cock = Cock::default();
+    let mut shutoff_valve = ShutoffValve::default();
     if player.as_ref().is_some_and(Player::has_shutoff) {
         eprintln!(
-            "a cock is to be shut by hand, behind which nothing vents the muscle: secure the weight"
+            "the muscle cannot vent behind the shut-off valve: secure the weight before you shut it"
         );
     }
-    let playing = (&mut player, &mut cock);
+    let playing = (&mut player, &mut shutoff_valve);
     let listened = listen(args, &mut board, &mut timeline, &mut recorder, playing);
-    cock.warn();
+    shutoff_valve.warn();
     if *settings.values() != values && board.line.write_settings(&values).is_err() {
-        eprintln!("the board still allows experiments: its settings could not be set back");
+        eprintln!("the board still allows test signals: its old settings could not be restored");
     }
     let replayable = listened?;
     let played = player.map(|player| ended(&player));
@@ -149,7 +149,7 @@ fn tell(args: &Args, summary: &Summary) -> Result<(), Failure> {
             "{ticks} ticks in {record}, {lost} lost on the way.\n"
         ))?;
         if let Some(played) = &summary.played {
-            super::print(&format!("The experiment: {played}.\n"))?;
+            super::print(&format!("The test signal: {played}.\n"))?;
         }
         if !summary.replayable {
             super::print("It cannot be replayed: see --from-start.\n")?;
@@ -234,7 +234,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     board.line.write_settings(settings.values())?;
     let experiment = Run {
         play: Some(player.clone()),
-        // Nobody is at the lever.
+        // Without a hand at the lever.
         arm_stiffness_n_per_m: 0.0,
         duration_s: CHECKED_S + player.length_s() + 1.0,
         ..Run::PAPER
@@ -274,7 +274,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     )
 }
 
-/// How the experiment ended, in words.
+/// How the test signal ended, in words.
 fn ended(player: &Player) -> String {
     match player.end() {
         Some(End::Played) => "played to its end".into(),
@@ -285,37 +285,37 @@ fn ended(player: &Player) -> String {
     }
 }
 
-/// Ticks before a cock is due in which its user is told.
+/// Ticks between the announcement of an action at the shut-off valve and the action.
 const AHEAD_TICKS: u32 = 300;
 
-/// The cock between valve and pressure sensor is the user's: what they were told of it last, that
-/// it would soon be shut and that it is now to be.
+/// Instructions to the person at the shut-off valve between valve and pressure sensor: whether it
+/// is shut in 3 s, and whether it is shut now.
 #[derive(Default)]
-struct Cock {
+struct ShutoffValve {
     soon: bool,
     now: bool,
 }
 
-impl Cock {
-    /// Tells what has changed at `tick`, whatever ticks were not seen.
+impl ShutoffValve {
+    /// Prints the instructions that are new at `tick`, also if ticks were lost.
     fn tell(&mut self, player: &Player, tick: u32) {
         let verb = |shut: bool| if shut { "shut" } else { "open" };
         let soon = player.is_shut(tick.wrapping_add(AHEAD_TICKS));
         if soon != self.soon {
-            eprintln!("in 3 s: {} the cock", verb(soon));
+            eprintln!("in 3 s: {} the shut-off valve", verb(soon));
         }
         let now = player.is_shut(tick);
         if now != self.now {
-            eprintln!("{} the cock NOW", verb(now));
+            eprintln!("{} the shut-off valve NOW", verb(now));
         }
-        *self = Cock { soon, now };
+        *self = ShutoffValve { soon, now };
     }
 
-    /// Warns of what venting has not reached.
+    /// Warns that the muscle may hold pressure behind the shut valve.
     fn warn(&self) {
         if self.now {
             eprintln!(
-                "the cock was to be shut: the muscle may hold its air behind it. Secure the weight \
+                "the shut-off valve was to be shut: the muscle may hold pressure. Secure the weight \
                  before you open it"
             );
         }
@@ -325,14 +325,14 @@ impl Cock {
 /// Asks the board for what is due.
 fn play(
     player: &mut Player,
-    cock: &mut Cock,
+    shutoff_valve: &mut ShutoffValve,
     board: &mut Connected,
     told: &Telemetry,
 ) -> Result<(), LinkError> {
     let request = player.request(told.tick, &told.output);
-    // Who vents, for whatever reason, asks for no more.
+    // While it vents no instruction is due.
     if told.output.mode == Mode::Playing {
-        cock.tell(player, told.tick);
+        shutoff_valve.tell(player, told.tick);
     }
     match request {
         Request::None => Ok(()),
@@ -348,7 +348,7 @@ fn listen(
     board: &mut Connected,
     timeline: &mut Timeline,
     recorder: &mut Recorder,
-    (player, cock): (&mut Option<Player>, &mut Cock),
+    (player, shutoff_valve): (&mut Option<Player>, &mut ShutoffValve),
 ) -> Result<bool, Failure> {
     let begin = Instant::now();
     let mut replayable = false;
@@ -372,14 +372,14 @@ fn listen(
         match message {
             Some(FromDevice::Telemetry(told)) => {
                 if told.source != Source::Pins {
-                    // Nobody else holds the port: it is our own start.
+                    // No other program has the port: this is the loop of --from-start.
                     board.line.send(&ToDevice::Command(Command::LeaveHil))?;
                 }
                 if let (Some(player), Source::Pins) = (&mut *player, told.source) {
-                    play(player, cock, board, &told)?;
+                    play(player, shutoff_valve, board, &told)?;
                 }
                 if let Some(mut row) = timeline.row(&told, elapsed_s) {
-                    row.shut = player.as_ref().map(|_| cock.now);
+                    row.shut = player.as_ref().map(|_| shutoff_valve.now);
                     replayable |= row.start_settings.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);

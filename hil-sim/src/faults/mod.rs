@@ -42,7 +42,7 @@ pub enum Moment {
     Holding,
     /// On the way down.
     Lowering,
-    /// While an experiment is played, nobody at the lever.
+    /// While a test signal is played; the lever is free.
     Playing,
 }
 

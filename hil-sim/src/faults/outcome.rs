@@ -88,8 +88,8 @@ fn can_be_let_down(case: &Case) -> bool {
     }
 }
 
-/// Keeps the worst of a case.
-pub(super) struct Watch<'a> {
+/// Records the extremes of a case.
+pub(super) struct CaseMonitor<'a> {
     case: &'a Case,
     outcome: Outcome,
     fallen: bool,
@@ -102,8 +102,8 @@ pub(super) struct Watch<'a> {
 /// A bound, and whether the case is outside of it.
 type Check = (&'static str, bool);
 
-impl Watch<'_> {
-    pub(super) fn new(case: &Case, bounds: Bounds) -> Watch<'_> {
+impl CaseMonitor<'_> {
+    pub(super) fn new(case: &Case, bounds: Bounds) -> CaseMonitor<'_> {
         let outcome = Outcome {
             case: case.number,
             fault: case.words(),
@@ -123,7 +123,7 @@ impl Watch<'_> {
             bounds,
             outside: Vec::new(),
         };
-        Watch {
+        CaseMonitor {
             case,
             outcome,
             fallen: false,

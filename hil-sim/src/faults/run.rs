@@ -3,7 +3,7 @@
 use super::bounds::bounds;
 use super::instruments::{Instruments, noise_on_link};
 use super::kind::{Inject, LinkFault, TickFault};
-use super::outcome::{Outcome, Watch};
+use super::outcome::{CaseMonitor, Outcome};
 use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
 use super::unit::{Stored, Told, Unit, frame};
 use super::{ASKS_S, Case, Moment};
@@ -109,7 +109,7 @@ struct Schedule {
 }
 
 impl Schedule {
-    const USUAL: Schedule = Schedule {
+    const REGULAR: Schedule = Schedule {
         reset_s: None,
         ticks_again_s: 0.0,
         leave_out: 0,
@@ -150,7 +150,7 @@ struct Scene<'a> {
     random: Pcg64Mcg,
     instruments: Instruments<'a>,
     schedule: Schedule,
-    watch: Watch<'a>,
+    monitor: CaseMonitor<'a>,
     told: Told,
     /// Assistance has been asked for.
     asked: bool,
@@ -179,8 +179,8 @@ impl<'a> Scene<'a> {
             drive,
             random: Pcg64Mcg::seed_from_u64(case.seed),
             instruments: Instruments::new(case, values),
-            schedule: Schedule::USUAL,
-            watch: Watch::new(case, bounds(case, values)),
+            schedule: Schedule::REGULAR,
+            monitor: CaseMonitor::new(case, bounds(case, values)),
             told: Told::default(),
             asked: false,
             fallen: false,
@@ -217,7 +217,7 @@ impl<'a> Scene<'a> {
             _ => {}
         }
         self.fallen = true;
-        self.watch.begin(&self.simulation);
+        self.monitor.begin(&self.simulation);
     }
 
     /// What the hand does and the instruments make of it.
@@ -230,7 +230,7 @@ impl<'a> Scene<'a> {
         }
         let contraction = self.simulation.contraction();
         let finger_m = self.hand.finger_m(intended_m, contraction);
-        // Of an experiment nobody is at the lever, but who slams it.
+        // While a test signal is played the lever is free, unless the fault slams it.
         let let_go =
             self.case.moment == Moment::Playing && !matches!(fault, Some((Inject::Lever, _)));
         let finger_force_n = if let_go {
@@ -304,7 +304,7 @@ impl<'a> Scene<'a> {
             _ => 0.0,
         };
         self.told = unit.tick(pins, missed_ticks, late_s, bytes);
-        self.watch.told(time_s, &self.told);
+        self.monitor.told(time_s, &self.told);
         Some(missed_ticks)
     }
 
@@ -323,7 +323,7 @@ impl<'a> Scene<'a> {
     fn advance(&mut self, until_s: f64) -> Result<(), BadInput> {
         let advanced = self.simulation.advance(&self.drive, until_s);
         advanced.map_err(|error| self.case.rig.unsolvable(error))?;
-        self.watch.look(until_s, &self.simulation);
+        self.monitor.look(until_s, &self.simulation);
         Ok(())
     }
 
@@ -364,7 +364,7 @@ pub fn run(
 ) -> Result<Outcome, BadInput> {
     let mut scene = Scene::new(case, settings.values())?;
     let mut time_s = 0.0;
-    while time_s < scene.watch.ends_s() {
+    while time_s < scene.monitor.ends_s() {
         let begins = !scene.fallen && time_s >= case.fault_s;
         if begins {
             scene.fall(unit, time_s);
@@ -391,7 +391,7 @@ pub fn run(
         }
         time_s = scene.advance_a_tick(time_s, sent_pa)?;
     }
-    Ok(scene.watch.outcome(&scene.told))
+    Ok(scene.monitor.outcome(&scene.told))
 }
 
 fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {

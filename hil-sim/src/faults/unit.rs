@@ -30,7 +30,7 @@ pub trait Unit {
     /// A tick that does not happen.
     fn skip(&mut self);
 
-    /// The chip is reset and its program begins anew.
+    /// The chip is reset and its program restarts.
     fn restart(&mut self);
 
     /// A bit of the memory flips in that copy.
