@@ -61,11 +61,11 @@ hil_sim=${CARGO_TARGET_DIR:-target}/release/hil-sim
 truth=${CARGO_TARGET_DIR:-target}/release/truth
 
 "$hil_sim" paper --out "$work/paper" >/dev/null
-"$truth" --seed 1 --effect leak --cases single --count 1 --out "$work/hidden" >/dev/null
+"$truth" --family catalogue-like --seed 1 --effect leak --cases single --count 1 --out "$work/hidden" >/dev/null
 case=$work/hidden/cases/s1-00030
 "$hil_sim" diagnose --rig "$case/rig.toml" \
-    --fit "$case/fit-1.csv" --fit "$case/fit-2.csv" \
-    --validate "$case/validate-1.csv" --validate "$case/validate-2.csv" \
+    --fit "$case/fit_1.csv" --fit "$case/fit_2.csv" \
+    --validate "$case/validate_1.csv" --validate "$case/validate_2.csv" \
     --out "$work/diagnosis" >/dev/null
 
 later='section:nth-of-type(n+3)'

@@ -354,7 +354,7 @@ fn the_tutorial_finds_what_it_says() {
     assert_eq!(effects[0]["name"], "leak");
     // The interval that it finds holds what is hidden.
     let name = "conductance_kg_per_pa_s";
-    let answer = read("hidden/answers/s1-00030.json");
+    let answer = read("hidden/held-back/s1-00030/truth.json");
     let hidden = answer["effects"][0]["standard"][name].as_f64();
     let ci95 = &effects[0]["parameters"][name]["ci95"];
     assert!(
