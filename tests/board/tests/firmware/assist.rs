@@ -5,7 +5,9 @@
 mod wander;
 
 use crate::rig::{MS, Rig, TICK_NS};
-use hil_sim::bench::closed_loop::{self, Run};
+use hil_sim::bench::board_settings;
+use hil_sim::bench::closed_loop::{Run, run_in_process};
+use hil_sim::bench::tracking::tracking;
 use hil_sim::rig::Rig as PlantRig;
 use model_core::controller::Controller;
 use model_core::io::{Output, Sensors};
@@ -65,7 +67,7 @@ fn assist_on_the_board_equals_the_controller_on_the_pc_bit_for_bit() {
     );
     let mut controller = Controller::new(settings);
     let mut ticks = 0;
-    let run = closed_loop::run_in_process(&plant, &settings, &Run::PAPER, |sensors| {
+    let run = run_in_process(&plant, &settings, &Run::PAPER, |sensors| {
         let (on_pc, on_board) = (controller.tick(sensors), board.tick(sensors));
         assert_eq!(bits(&on_pc), bits(&on_board), "tick {ticks}: {on_pc:?}");
         ticks += 1;
