@@ -315,8 +315,8 @@ impl ShutoffValve {
     fn warn(&self) {
         if self.now {
             eprintln!(
-                "the shut-off valve was to be shut: the muscle may hold pressure. Secure the weight \
-                 before you open it"
+                "the shut-off valve was to be shut: the muscle may hold pressure. Secure the \
+                 weight before you open it"
             );
         }
     }
