@@ -5,11 +5,24 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+step() { printf 'budget: %s\n' "$*" >&2; }
+
+missing=()
+for tool in cargo cmake clang pkg-config size; do
+    command -v "$tool" >/dev/null || missing+=("$tool")
+done
+if [ ${#missing[@]} -gt 0 ]; then
+    printf 'budget: missing: %s (Debian: cmake clang libclang-dev pkg-config binutils)\n' \
+        "${missing[*]}" >&2
+    exit 2
+fi
+
 target=thumbv7em-none-eabihf
 elf=${CARGO_TARGET_DIR:-$PWD/target}/$target/release/firmware
 flash_budget=$((64 * 1024))
 ram_budget=$((16 * 1024))
 
+step 'building the image and the proof that it cannot panic: a minute the first time'
 cargo build -q --release -p firmware --target "$target"
 # Links only if the functions that the tick calls cannot panic.
 cargo build -q --release -p firmware --target "$target" --example cannot_panic
@@ -26,6 +39,7 @@ printf 'panics none in the tick, the settings and the link: cannot_panic links\n
 [ "$flash" -le "$flash_budget" ]
 [ "$ram" -le "$ram_budget" ]
 
+step 'measuring tick and stack on the emulated board: some minutes the first time'
 measured=$(FIRMWARE=$elf env -u RUSTUP_TOOLCHAIN cargo test -q --release \
     --manifest-path tests/board/Cargo.toml --test firmware -- --include-ignored --nocapture budget)
 grep -E '^(tick|stack) ' <<<"$measured"

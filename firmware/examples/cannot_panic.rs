@@ -9,7 +9,7 @@ use core::num::NonZeroU32;
 use core::panic::PanicInfo;
 use model_core::device::{Device, Pins};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, ToDevice, encode};
-use model_core::sampling::{SCAN_LEN, mean};
+use model_core::sampling::{SAMPLES, Sampler};
 use model_core::settings::Settings;
 use model_core::timing::TickClock;
 use stm32f4xx_hal as _;
@@ -36,15 +36,17 @@ fn main() -> ! {
     let _ = black_box(settings.encode(black_box(&mut [0; 256])));
     let _ = black_box(Settings::decode(black_box(&[0; 200])));
     let mut device = Device::new(settings);
+    let mut sampler = Sampler::new(black_box(0));
     loop {
-        let scan = black_box([0; SCAN_LEN]);
+        let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
         let timing = clock.begin(black_box(0));
         clock.end(black_box(0), black_box(0));
         let pins = Pins {
-            bridge: mean(&scan, black_box(0)),
-            pressure: mean(&scan, black_box(1)),
+            bridge,
+            pressure,
             encoder: black_box(Pins::default().encoder),
             button_pressed: black_box(false),
+            stop_open: black_box([false; 2]),
         };
         let message = decoder.push::<ToDevice>(black_box(0));
         let command = match message {
@@ -58,6 +60,6 @@ fn main() -> ! {
             black_box(&FromDevice::Settings(values)),
             &mut [0; 255],
         ));
-        black_box(tick.valve.get());
+        black_box((tick.valve.get(), tick.port_pulse, tick.lamp));
     }
 }

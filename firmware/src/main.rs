@@ -21,13 +21,15 @@ use defmt_rtt as _;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
-    use crate::board::{self, ButtonPin};
+    use crate::board::{self, ButtonPin, LampPin, PortPin, StopPins};
     use crate::crash;
     use crate::driver::Devices;
     use crate::driver::adc::Adc;
     use crate::driver::button::Button;
     use crate::driver::encoder::Encoder;
     use crate::driver::flash::Store;
+    use crate::driver::output::Output;
+    use crate::driver::stop::Stop;
     use crate::driver::valve::{self, Valve};
     use crate::driver::watchdog::{self, Watchdog};
     use crate::link::{self, Link};
@@ -64,7 +66,10 @@ mod app {
         adc: Adc,
         encoder: Encoder,
         button: Button<ButtonPin>,
+        stop: Stop<StopPins>,
         valve: Valve,
+        port: Output<PortPin>,
+        lamp: Output<LampPin>,
         watchdog: Watchdog,
         to_tick: Producer<'static, Command>,
         commands: Consumer<'static, Command>,
@@ -96,6 +101,9 @@ mod app {
             defmt::Debug2Format(&reset),
             defmt::Debug2Format(&note)
         );
+        if watchdog::STOPS_IN_DEBUG {
+            defmt::warn!("a halt stops the watchdog: the valve's supply must be off");
+        }
         let identity = link::identity(reset, note, source);
 
         let (to_tick, commands) = cx.local.command_queue.split();
@@ -111,7 +119,10 @@ mod app {
                 adc: devices.adc,
                 encoder: devices.encoder,
                 button: devices.button,
+                stop: devices.stop,
                 valve: devices.valve,
+                port: devices.port,
+                lamp: devices.lamp,
                 watchdog: devices.watchdog,
                 to_tick,
                 commands,
@@ -132,7 +143,8 @@ mod app {
 
     /// One tick of the controller; the DMA starts it when the scan of the ADC is complete.
     #[task(binds = DMA2_STREAM0, priority = 3,
-        local = [device, clock, adc, encoder, button, valve, watchdog, commands, from_tick])]
+        local = [device, clock, adc, encoder, button, stop, valve, port, lamp, watchdog, commands,
+        from_tick])]
     fn tick(cx: tick::Context) {
         let local = cx.local;
         let begin_cycles = DWT::cycle_count();
@@ -143,6 +155,7 @@ mod app {
             pressure,
             encoder: local.encoder.read(),
             button_pressed: local.button.is_pressed(),
+            stop_open: local.stop.open(),
         };
         let vent = VENT_REQUESTED.swap(false, Relaxed).then_some(VENT);
         let queued = core::iter::from_fn(|| local.commands.dequeue());
@@ -150,6 +163,8 @@ mod app {
             .device
             .tick(&pins, timing, vent.into_iter().chain(queued));
         local.valve.set(tick.valve);
+        local.port.set(tick.port_pulse);
+        local.lamp.set(tick.lamp);
         ARMED.store(tick.armed, Relaxed);
         // Full only if the link task has not run for four ticks. The PC sees the gap in the tick
         // numbers.

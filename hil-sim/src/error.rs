@@ -1,8 +1,8 @@
-//! What is said about bad input: one line that names file, line, column or key.
+//! Errors of the user's input, in one line with file, line, and column or key.
 
 use std::fmt;
 
-/// Input that a user has to mend: exit status 2, one line.
+/// Bad input, which the user must correct: exit status 2.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BadInput {
     /// The file, as it was named.
@@ -42,7 +42,7 @@ impl BadInput {
     }
 }
 
-/// `text` with everything that would break a line escaped, and cut to a length one can read.
+/// `text` with everything that would break a line escaped, and cut to a readable length.
 fn one_line(text: &str) -> String {
     const LENGTH_MAX: usize = 300;
     let mut line = String::new();

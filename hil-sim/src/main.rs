@@ -1,7 +1,7 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: it ran. 1: a case of the fault campaign is out of its bounds, or a board no
-//! longer answers. 2: bad input, or a place that cannot be written, in one line that says where.
+//! Exit status 0: success. 1: a case of the fault campaign violates its bounds, or a board does not
+//! respond. 2: bad input, or a file that cannot be written, reported in one line.
 
 mod cmd;
 
@@ -21,46 +21,46 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Examples:
-  hil-sim                                          the paper, ours beside it
-  hil-sim run --arm-stiffness 500 --seed 7         the assist experiment, other hands
+  hil-sim                                          compare with the paper
+  hil-sim run --arm-stiffness 500 --seed 7         the assist experiment with another person
   hil-sim hil                                      the same with the firmware on an emulated board
   hil-sim rig new my-rig.toml                      a commented rig file to edit
-  hil-sim design --rig my-rig.toml                 which valve must I buy?
+  hil-sim design --rig my-rig.toml                 required flow gain of the valve
   hil-sim simulate --rig my-rig.toml --drive measured.csv --out sim.csv";
 
 #[derive(Subcommand)]
 enum Command {
-    /// The assist experiment: a finger lifts and holds the weight through the muscle
+    /// Run the assist experiment: a finger lifts, holds and lowers the weight through the muscle
     Run(cmd::run::Args),
-    /// The assist experiment with the controller on a board, real or emulated
+    /// Run the assist experiment with the controller on a board, real or emulated
     Hil(cmd::hil::Args),
-    /// Record what a board tells of each tick
+    /// Record the telemetry of a board
     Record(cmd::record::Args),
-    /// Run a record's inputs through the controller again, and compare
+    /// Repeat a record's inputs with the controller, and compare its outputs
     Replay(cmd::replay::Args),
-    /// One fault at a time in the closed loop, and what becomes of the weight
+    /// Run the fault campaign: simulate one fault at a time, and check its bounds
     Faults(cmd::faults::Args),
-    /// The paper's figures and numbers, ours beside what it says
+    /// Compare the simulation with the paper's figures and numbers
     Paper(cmd::paper::Args),
-    /// The flow gain a valve must have, and how stiff the input may be
+    /// Compute the required flow gain of the valve, and the permitted stiffness of the input
     Design(cmd::design::Args),
-    /// Is a record fit for a diagnosis?
+    /// Check whether a record is suitable for a diagnosis
     Check(cmd::check::Args),
-    /// Make a record of a CSV or MATLAB file with other names and units
+    /// Convert a CSV or MATLAB file with other names and units into a record
     Import(cmd::import::Args),
-    /// Write the reference pressure of the next experiment
+    /// Write the test signal of the next experiment
     Experiment(cmd::experiment::Args),
-    /// Run the plant from a record's inputs alone
+    /// Simulate the plant with the inputs of a record
     Simulate(cmd::simulate::Args),
-    /// Find where simulation and measurement disagree, and name the missing effect
+    /// Find where simulation and measurement disagree, and which effect the simulation lacks
     Diagnose(cmd::diagnose::Args),
-    /// Turn a fitted rig into the controller's settings, proved in the closed loop
+    /// Derive the controller's compensation from a fitted rig, and test it in the closed loop
     Compensate(cmd::compensate::Args),
-    /// Read a board's settings, or store others on it
+    /// Read the settings of a board, or store new ones on it
     Settings(cmd::settings::Args),
-    /// Rig files
+    /// Create and check rig files
     Rig(cmd::rig::Args),
-    /// Shell completions
+    /// Print shell completions
     Completions(cmd::completions::Args),
 }
 

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing of files.
 
 use std::io::Write;
 use std::path::Path;
@@ -60,12 +60,12 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
     write().map_err(|source| NotWritten::new(path, source))
 }
 
-/// There is something at `path` that is neither a file nor a folder.
+/// Whether `path` exists and is neither a file nor a folder.
 fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())
 }
 
-/// Two paths that name one file, whether it is there or not.
+/// Whether two paths name the same file, also if it does not exist.
 pub fn same_file(one: &Path, other: &Path) -> bool {
     let whole = |path: &Path| {
         let folder = match path.parent() {

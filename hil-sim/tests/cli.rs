@@ -29,7 +29,7 @@ fn number(value: &serde_json::Value) -> f64 {
 
 /// The figures that the paper states or that follow from its numbers (§3.1, §4, §5, Figs 2, 7, 8).
 #[test]
-fn the_paper_comes_out() {
+fn the_papers_figures_are_reproduced() {
     let folder = tempfile::tempdir().expect("a folder");
     let summary = json(folder.path(), &["paper", "--json"]);
     let natural_hz = number(&summary["natural_frequency_hz"]);
@@ -49,7 +49,7 @@ fn the_paper_comes_out() {
     assert_eq!(valve_b["sufficient"], true);
     let lag_s = |valve: &serde_json::Value| number(&valve["tracking"]["lag_s"]);
     let rms_n = |valve: &serde_json::Value| number(&valve["tracking"]["error_n_rms"]);
-    // A tick is the shortest lag a sampled controller can have: B is within two, A is not.
+    // A sampled controller has a lag of at least one tick: B is within two, A is not.
     assert!(lag_s(&valve_b) < 0.02 && lag_s(&valve_a) > 0.03);
     // The reference rig's figures: 55 N and 5 N in one way to cut the window, ours in another.
     assert!(
@@ -66,7 +66,7 @@ fn the_paper_comes_out() {
 }
 
 #[test]
-fn words_say_the_verdict() {
+fn the_text_output_contains_the_verdict() {
     let folder = tempfile::tempdir().expect("a folder");
     let words = stdout(folder.path(), &[]);
     assert!(
@@ -77,7 +77,7 @@ fn words_say_the_verdict() {
 }
 
 #[test]
-fn a_seed_repeats_a_run_to_the_last_byte() {
+fn a_seed_reproduces_a_run_exactly() {
     let folder = tempfile::tempdir().expect("a folder");
     let record = |out: &str, seed: &str| {
         stdout(
@@ -92,7 +92,7 @@ fn a_seed_repeats_a_run_to_the_last_byte() {
 }
 
 #[test]
-fn a_run_is_repeated_from_its_record() {
+fn a_run_is_reproduced_from_its_record() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     stdout(path, &["rig", "new"]);
@@ -109,7 +109,7 @@ fn a_run_is_repeated_from_its_record() {
     ];
     let again = json(path, &args);
     let lift_m = |run: &serde_json::Value| number(&run["runs"][0]["tracking"]["lift_m_max"]);
-    // The finger's path is sampled at the ticks, where alone it is looked at.
+    // The finger's motion is recorded at the ticks, the only times at which it is used.
     assert!((lift_m(&first) - lift_m(&again)).abs() < 1e-12);
     let simulate = [
         "simulate",
@@ -131,7 +131,7 @@ fn a_run_is_repeated_from_its_record() {
 }
 
 #[test]
-fn design_answers_which_valve() {
+fn design_prints_the_required_flow_gain() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let rig = stdout(path, &["rig", "new"]);
@@ -159,7 +159,7 @@ fn a_rig_file_is_not_overwritten() {
 }
 
 #[test]
-fn the_finger_s_record_is_not_overwritten() {
+fn the_record_of_the_finger_is_not_overwritten() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     stdout(path, &["rig", "new"]);
@@ -220,7 +220,7 @@ fn help_completions_and_bad_arguments() {
     }
 }
 
-/// Runs it with nothing that could be found by chance; expects exit status 2 and one line.
+/// Runs it where no firmware or emulated board can be found; expects exit status 2 and one line.
 fn refused(folder: &Path, args: &[&str]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)
@@ -237,7 +237,7 @@ fn refused(folder: &Path, args: &[&str]) -> String {
 }
 
 #[test]
-fn a_missing_board_or_record_is_said_in_one_line() {
+fn a_missing_board_or_record_is_reported_in_one_line() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     for args in [&["hil"][..], &["hil", "--emulated"]] {
@@ -280,7 +280,7 @@ fn a_run_is_replayed_without_a_difference() {
     assert_eq!(number(&result["compared_ticks"]), 300.0);
     assert_eq!(number(&result["differing_ticks"]), 0.0);
     assert!(stdout(path, &["replay", "out/valve-A.csv"]).contains("0 of 300 ticks differ."));
-    // Neither half a count nor a record without counts is for a board.
+    // Half a count and a record without counts cannot be replayed.
     let record = std::fs::read_to_string(path.join("out/valve-B.csv")).expect("a record");
     let half = record.replacen(",None,", ",Nothing,", 1);
     std::fs::write(path.join("half.csv"), half).expect("written");
@@ -308,7 +308,7 @@ fn simulated(folder: &Path, drive: &str) -> (String, String) {
 const DRIVE: &str = "time_s,pressure_ref_pa\n0,100000\n0.1,200000\n";
 
 #[test]
-fn the_stability_limit_is_one_of_stiffness_times_gain() {
+fn the_stability_limit_depends_on_the_product_of_stiffness_and_gain() {
     let folder = tempfile::tempdir().expect("a folder");
     let limits = |gain: &str| {
         rig_file(folder.path(), "gain = 20.0", &format!("gain = {gain}"));
@@ -328,13 +328,13 @@ fn the_stability_limit_is_one_of_stiffness_times_gain() {
     assert_eq!(paper, limits("0.0"));
     let words = stdout(folder.path(), &["design", "--rig", "rig.toml"]);
     assert!(
-        words.contains("too soft") && !words.contains("inf"),
+        words.contains("below the examined range") && !words.contains("inf"),
         "{words}"
     );
 }
 
 #[test]
-fn a_start_without_measured_pressure_is_what_the_valve_gives() {
+fn without_a_measured_pressure_the_initial_pressure_is_the_reference() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     rig_file(path, "kind", "kind");
@@ -356,7 +356,7 @@ fn a_start_without_measured_pressure_is_what_the_valve_gives() {
 }
 
 #[test]
-fn inputs_are_no_gap_and_a_constant_has_no_percentage() {
+fn inputs_have_no_gap_and_a_constant_signal_has_no_percentage() {
     let folder = tempfile::tempdir().expect("a folder");
     rig_file(folder.path(), "\"weight\"", "\"prescribed\"");
     let drive = "time_s,pressure_pa,contraction,force_n\n0,123456.7,0.1,10\n\
@@ -368,7 +368,7 @@ fn inputs_are_no_gap_and_a_constant_has_no_percentage() {
         "{words}"
     );
     assert!(record.contains("0,123456.7,0.1,"), "{record}");
-    // What it wrote it meets to the last bit, and says so.
+    // A simulated record is reproduced exactly.
     let (words, _) = simulated(folder.path(), &record);
     assert!(
         words.contains("force misses the measured one by 0 N RMS"),
@@ -393,7 +393,7 @@ fn optional_columns_without_a_sample_are_absent() {
 }
 
 #[test]
-fn outputs_take_no_inputs_place() {
+fn outputs_do_not_overwrite_inputs() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     rig_file(path, "kind", "kind");
@@ -415,7 +415,7 @@ fn outputs_take_no_inputs_place() {
 
 #[cfg(unix)]
 #[test]
-fn links_stay_and_streams_are_written_to() {
+fn symbolic_links_are_kept_and_streams_are_written_to() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     rig_file(path, "kind", "kind");
@@ -437,7 +437,7 @@ fn links_stay_and_streams_are_written_to() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn paths_need_not_be_text() {
+fn paths_may_contain_invalid_utf_8() {
     use std::os::unix::ffi::OsStrExt;
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
@@ -455,7 +455,7 @@ fn paths_need_not_be_text() {
 }
 
 #[test]
-fn run_tells_a_fault_and_moves_a_recorded_clock() {
+fn run_reports_a_fault_and_shifts_a_recorded_clock() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     rig_file(path, "kind", "kind");
@@ -475,7 +475,7 @@ fn run_tells_a_fault_and_moves_a_recorded_clock() {
         assert_eq!(moved["mode"], "Assisting");
         assert!(number(&moved["tracking"]["lift_m_max"]) > 0.02, "{moved}");
     }
-    // A finger that leans on the lever from the start.
+    // A finger that presses the lever from the start.
     std::fs::write(path.join("f.csv"), "time_s,finger_m\n0,0.05\n20,0.05\n").expect("written");
     let args = ["run", "--rig", "rig.toml", "--finger", "f.csv"];
     let words = stdout(path, &args);
@@ -523,7 +523,7 @@ fn a_rig_that_cannot_run_is_bad_input_in_one_line() {
         );
     refused(
         &stiff,
-        "rig.toml: expected a rig whose plant can be followed",
+        "rig.toml: expected a rig whose plant can be integrated",
     );
     refused(&(rig.to_owned() + &VALVE_LAG.repeat(37)), "key `effect`");
 }
@@ -531,7 +531,7 @@ fn a_rig_that_cannot_run_is_bad_input_in_one_line() {
 const VALVE_LAG: &str = "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = 0.01\n";
 
 #[test]
-fn the_papers_report_of_another_rig_says_whose_numbers_they_are() {
+fn the_papers_report_of_another_rig_distinguishes_the_sources_of_values() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     rig_file(path, "mass_kg = 12.0", "mass_kg = 8.0");
@@ -542,7 +542,7 @@ fn the_papers_report_of_another_rig_says_whose_numbers_they_are() {
 }
 
 #[test]
-fn a_long_run_has_a_report_of_a_screens_points() {
+fn a_long_run_is_decimated_in_the_report() {
     let folder = tempfile::tempdir().expect("a folder");
     stdout(folder.path(), &["run", "--duration", "200"]);
     let report = std::fs::metadata(folder.path().join("out/report.html")).expect("a report");

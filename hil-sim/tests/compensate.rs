@@ -1,10 +1,10 @@
-//! The compensation, proved on rigs that the tool has never seen: the plant of `tests/truth`, which
-//! shares no equation with it, in the loop with the controller.
+//! Tests of the compensation in the closed loop with the independent plant of `tests/truth`, which
+//! shares no equation with the simulator.
 
 use hil_sim::bench::board_settings::from_rig;
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::compensate::{
-    Beyond, DELAY_MARGIN_S_MIN, GAIN_MARGIN_MIN, Pulled, SPAN_S, compensate, load_force_n,
+    AddedLoad, DELAY_MARGIN_S_MIN, GAIN_MARGIN_MIN, LoadSample, SPAN_S, compensate, load_force_n,
 };
 use hil_sim::bench::settings_file;
 use hil_sim::bench::test_signal::{Limits, Part, test_signal};
@@ -34,14 +34,14 @@ struct Errors {
     muscle_n: f64,
     /// RMS of K F_b less the force that reaches the nominal load \[N\].
     load_n: f64,
-    /// What the controller stopped at, if it did.
+    /// The fault that the controller latched, if any.
     fault: Option<Fault>,
 }
 
 const TICKS: usize = 800;
 const LATE_S: f64 = 1e-4;
 
-/// The paper's rig with an effect of the truth's.
+/// The paper's rig with an effect of `tests/truth`.
 fn hiding(name: &str, form: &str, size: f64) -> Hiding<'static> {
     static RIG: std::sync::LazyLock<truth::Rig> = std::sync::LazyLock::new(truth::Rig::default);
     let entry = truth::CATALOGUE.iter().find(|entry| entry.name == name);
@@ -70,7 +70,7 @@ fn assist(hiding: &Hiding, plain: &Settings, settings: Settings) -> Errors {
     let mut controller = Controller::new(settings);
     let mut noise = Pcg64Mcg::seed_from_u64(1);
     let mut request = Request::None;
-    let (mut reference_n, mut pulled) = (Vec::new(), Vec::new());
+    let (mut reference_n, mut load_samples) = (Vec::new(), Vec::new());
     let mut fault = None;
     hiding.run((TICK_S, LATE_S), TICKS, |seen| {
         let finger_m = experiment.finger.intended_m(seen.time_s);
@@ -93,8 +93,8 @@ fn assist(hiding: &Hiding, plain: &Settings, settings: Settings) -> Errors {
             _ => Request::None,
         };
         reference_n.push(f64::from(output.reference_force_n));
-        pulled.push(Pulled {
-            asked_n: lever.gain * f64::from(output.finger_force_n),
+        load_samples.push(LoadSample {
+            required_n: lever.gain * f64::from(output.finger_force_n),
             force_n: seen.truth.force_n,
             contraction: seen.truth.contraction,
         });
@@ -102,25 +102,25 @@ fn assist(hiding: &Hiding, plain: &Settings, settings: Settings) -> Errors {
     });
     let hidden = hiding.parameters();
     let number = |key: &str| hidden[key].as_f64().unwrap_or(0.0);
-    let beyond = Beyond {
+    let added_load = AddedLoad {
         mass_kg: number("mass_kg"),
         friction_n: number("static_n").max(number("coulomb_n")),
     };
-    let load_n = load_force_n(&weight, &beyond, length_m, &pulled);
+    let load_n = load_force_n(&weight, &added_load, length_m, &load_samples);
     let span = (SPAN_S.start / TICK_S) as usize..(SPAN_S.end / TICK_S) as usize;
     let rms = |error: &dyn Fn(usize) -> f64| {
         let squares: f64 = span.clone().map(|tick| error(tick).powi(2)).sum();
         (squares / span.len() as f64).sqrt()
     };
     Errors {
-        muscle_n: rms(&|tick| reference_n[tick] - pulled[tick].force_n),
-        load_n: rms(&|tick| pulled[tick].asked_n - load_n[tick]),
+        muscle_n: rms(&|tick| reference_n[tick] - load_samples[tick].force_n),
+        load_n: rms(&|tick| load_samples[tick].required_n - load_n[tick]),
         fault,
     }
 }
 
-/// The nearest of hil-sim's forms to what is hidden, with the hidden sizes, as `[[effect]]` of a
-/// rig; empty where the compensation has nothing for it, and is told nothing.
+/// The form of hil-sim that is nearest to the hidden effect, with the hidden sizes, as `[[effect]]`
+/// of a rig; empty if the controller cannot compensate it.
 fn nearest(name: &str, hidden: &Value) -> String {
     let number = |key: &str| hidden[key].as_f64().unwrap_or(0.0);
     let parameters = match name {
@@ -183,7 +183,7 @@ fn compensated(rig: &Rig) -> Settings {
     assert!(done.after.load_error_n_rms <= done.before.load_error_n_rms);
     assert!(done.corners.gain_margin_min >= done.before.gain_margin.min(GAIN_MARGIN_MIN));
     assert!(done.corners.delay_margin_s_min >= done.before.delay_margin_s.min(DELAY_MARGIN_S_MIN));
-    // Half a percent more is the same error with another course of the noise.
+    // The errors of two realisations of the noise differ by up to half a percent.
     let worst_n = done.corners.load_error_n_rms_max;
     assert!(
         worst_n <= 1.005 * done.before.load_error_n_rms,
@@ -196,8 +196,8 @@ fn plain() -> Settings {
     from_rig(&Rig::reference()).expect("settings")
 }
 
-/// One line of docs/compensation.md.
-fn told(name: &str, form: &str, size: f64, before: Errors, after: Errors) {
+/// Prints one line of docs/compensation.md.
+fn print_line(name: &str, form: &str, size: f64, before: Errors, after: Errors) {
     println!(
         "| {name} {form} | {size} | {:.1} | {:.1} | {:.2} | {:.1} | {:.1} | {:.2} |",
         before.load_n,
@@ -210,8 +210,8 @@ fn told(name: &str, form: &str, size: f64, before: Errors, after: Errors) {
 }
 
 const HALVED: [&str; 3] = ["hysteresis", "valve-dead-zone", "friction"];
-/// Another course of the same noise: of 650 ticks, each with the bridge's 0.4 N, the RMS of errors
-/// of some newtons differs by less than 1 % from one to another.
+/// Largest ratio of two errors that differ only by the realisation of the noise: over 650 ticks,
+/// each with the bridge's 0.4 N, the RMS of errors of some newtons differs by less than 1 %.
 const NO_WORSE: f64 = 1.01;
 
 /// The stage with the hidden sizes, and a lead of two ticks for hold, delay and gas.
@@ -241,7 +241,7 @@ fn errors_of_hidden_effects_fall_by_half() {
         };
         let before = assist(&hiding, &plain(), plain());
         let after = assist(&hiding, &plain(), Settings::new(values).expect("settings"));
-        told(name, form, 0.7, before, after);
+        print_line(name, form, 0.7, before, after);
         assert_eq!((before.fault, after.fault), (None, None));
         assert!(after.load_n <= 0.5 * before.load_n, "{name} {form}");
     }
@@ -255,16 +255,16 @@ fn a_rig_without_an_effect_becomes_no_worse() {
     };
     let before = assist(&hiding, &plain(), plain());
     let after = assist(&hiding, &plain(), compensated(&Rig::reference()));
-    told("none", "", 0.0, before, after);
+    print_line("none", "", 0.0, before, after);
     assert_eq!((before.fault, after.fault), (None, None));
     assert!(after.load_n < before.load_n && after.muscle_n < before.muscle_n);
 }
 
-/// Where the tool has to choose: a loop so wide that all of it, over its own way, would swing the
-/// weight; and a zone with soft edges, as it is diagnosed, of which a little would cost the lead
-/// that halves the error alone.
+/// Two cases in which a full compensation is not the best: a hysteresis loop so wide that its full
+/// compensation over the estimated distance makes the weight oscillate; and a dead zone with
+/// rounded edges, a small part of which costs the lead that alone halves the error.
 #[test]
-fn errors_fall_by_half_where_not_everything_holds() {
+fn errors_fall_by_half_if_full_compensation_is_not_robust() {
     let soft = "[[effect]]\nname = \"valve-dead-zone\"\nform = \"rounded\"\n\
          half_width_pa = 4500.0\nrounding_pa = 2300.0\n";
     let duhem = hiding("hysteresis", "duhem", 1.0);
@@ -279,8 +279,8 @@ fn errors_fall_by_half_where_not_everything_holds() {
     }
 }
 
-/// Whether the part `name` of the compensation of the rig with `effects` is taken.
-fn is_taken(name: &str, effects: &str) -> bool {
+/// Whether the effect `name` of the rig with `effects` is compensated.
+fn is_compensated(name: &str, effects: &str) -> bool {
     let done = compensate(&fitted(effects), &SettingsValues::reference()).expect("compensated");
     let part = done.parts.iter().find(|part| part.name == name);
     part.expect("the part").compensated
@@ -290,12 +290,12 @@ fn is_taken(name: &str, effects: &str) -> bool {
 fn only_what_makes_the_error_noticeably_smaller_is_compensated() {
     let payload =
         |mass_kg: f64| format!("\n[[effect]]\nname = \"payload\"\nmass_kg = {mass_kg:?}\n");
-    assert!(is_taken("payload", &payload(1.0)));
-    assert!(!is_taken("payload", &payload(0.002)));
+    assert!(is_compensated("payload", &payload(1.0)));
+    assert!(!is_compensated("payload", &payload(0.002)));
 }
 
-/// A loop whose whole compensation, over its nearest way, leaves the least error and no gain
-/// margin: the checks are those of [`compensated`].
+/// A hysteresis loop whose full compensation over the shortest distance leaves the smallest error
+/// and no gain margin. [`compensated`] checks the margins.
 #[test]
 fn the_gain_margin_is_kept_where_more_compensation_would_leave_a_smaller_error() {
     let steep = "\n[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 40.0\n\
@@ -305,7 +305,7 @@ fn the_gain_margin_is_kept_where_more_compensation_would_leave_a_smaller_error()
 }
 
 #[test]
-fn sensor_errors_are_taken_off_in_full() {
+fn sensor_errors_are_compensated_in_full() {
     let effects = "\n[[effect]]\nname = \"pressure-sensor-offset\"\noffset_pa = 6000.0\n\
          [[effect]]\nname = \"pressure-sensor-gain\"\ngain_error = 0.05\n";
     let scale = compensated(&fitted(effects)).values().pressure_sensor;
@@ -389,7 +389,7 @@ fn no_effect_becomes_worse() {
                     );
                     continue;
                 }
-                told(entry.name, form.name, size, before, after);
+                print_line(entry.name, form.name, size, before, after);
                 let worse = after.fault.is_some()
                     || after.load_n > NO_WORSE * before.load_n
                     || after.muscle_n > NO_WORSE * before.muscle_n;
@@ -450,7 +450,7 @@ fn falls_by_half_after_a_diagnosis(name: &str, form: &str) {
     println!("{found}");
     let before = assist(&hiding, &plain(), plain());
     let after = assist(&hiding, &plain(), compensated(&diagnosed.fitted));
-    told(name, form, 0.7, before, after);
+    print_line(name, form, 0.7, before, after);
     assert_eq!((before.fault, after.fault), (None, None));
     assert!(after.load_n <= 0.5 * before.load_n, "{found}");
     assert!(

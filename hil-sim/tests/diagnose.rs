@@ -1,4 +1,4 @@
-//! `hil-sim diagnose` on bad data, and with any number of threads.
+//! `hil-sim diagnose` with bad data, with unusual records, and with several threads.
 
 use serde_json::Value;
 use std::path::Path;
@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 /// The seed of the hidden effects.
 const SEED: u64 = 11;
 
-/// The first case of [`SEED`] that hides nothing.
+/// The first case of [`SEED`] without hidden effects.
 static HEALTHY_INDEX: LazyLock<u64> = LazyLock::new(|| {
     let found = (0..100).find(|index| truth::plan(SEED, *index).kind == truth::Kind::None);
     found.expect("a case without hidden effects")
@@ -17,7 +17,7 @@ static HEALTHY_INDEX: LazyLock<u64> = LazyLock::new(|| {
 /// A rig without hidden effects, and its records.
 static HEALTHY: LazyLock<truth::Case> = LazyLock::new(|| truth::case(SEED, *HEALTHY_INDEX));
 
-/// The first case of a seed that hides these effects, in the order of the truth's catalogue.
+/// The first case of a seed with these hidden effects, in the order of the truth's catalogue.
 fn hiding(seed: u64, names: &[&str]) -> truth::Case {
     let hides = |index: &u64| {
         let plan = truth::plan(seed, *index);
@@ -29,7 +29,7 @@ fn hiding(seed: u64, names: &[&str]) -> truth::Case {
     truth::case(seed, index)
 }
 
-/// Rows that are taken of each record: 8 s.
+/// Number of rows used of each record: 8 s.
 const ROWS: usize = 800;
 
 /// A rig with a record to fit, a.csv, and one to validate, b.csv; out/ is for results.
@@ -60,7 +60,7 @@ impl Bench {
         self.folder.path().join("out")
     }
 
-    /// Status and stderr of `diagnose`, with more arguments.
+    /// Status and stderr of `diagnose` with additional arguments.
     fn run(&self, validate: &str, arguments: &[&str]) -> (Option<i32>, String) {
         let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
             .current_dir(self.folder.path())
@@ -78,7 +78,7 @@ impl Bench {
         serde_json::from_str(&text.expect("a diagnosis")).expect("JSON")
     }
 
-    /// With `bad` in place of the record to fit, or of the one to validate.
+    /// Asserts that `bad` is refused as the record to fit and as the one to validate.
     fn refuses(&self, bad: &str, says: &str) {
         for name in ["a.csv", "b.csv"] {
             let good = std::fs::read_to_string(self.folder.path().join(name)).expect("a record");
@@ -99,13 +99,13 @@ fn refused((status, message): &(Option<i32>, String), out: &Path, says: &[&str])
     assert!(!out.exists(), "something was written");
 }
 
-/// The header and so many rows.
+/// The header and the first `count` rows.
 fn rows(record: &str, count: usize) -> String {
     let lines: Vec<&str> = record.lines().take(1 + count).collect();
     lines.join("\n") + "\n"
 }
 
-/// The record with the cells of a column changed: they are told their row.
+/// The record with the cells of a column changed; `change` gets the row and the cell.
 fn with_cells(record: &str, column: &str, change: impl Fn(usize, &str) -> String) -> String {
     let header = record.lines().next().expect("a header");
     let place = header.split(',').position(|name| name == column);
@@ -119,7 +119,7 @@ fn with_cells(record: &str, column: &str, change: impl Fn(usize, &str) -> String
     text
 }
 
-/// Leaves few effects in the catalogue, one or two a block: the program is not optimised here.
+/// Removes most effects from the catalogue, so that the test is fast enough without optimisation.
 fn few() -> Vec<&'static str> {
     const FEW: [&str; 5] = ["hysteresis", "friction", "leak", "valve-lag", "payload"];
     let names = muscle_plant::effects::Catalogue::standard()
@@ -130,7 +130,7 @@ fn few() -> Vec<&'static str> {
 }
 
 #[test]
-fn records_that_do_not_suffice_are_refused() {
+fn insufficient_records_are_refused() {
     let bench = Bench::new();
     let good = rows(&HEALTHY.fit[0], ROWS);
     bench.refuses("", ":1: expected a header line with a column `time_s`");
@@ -191,7 +191,7 @@ fn a_dead_encoder_is_not_named_as_an_effect() {
 }
 
 #[test]
-fn a_record_cannot_judge_its_own_fit() {
+fn a_record_cannot_be_fitted_and_validated() {
     let bench = Bench::new();
     let says = "a record that is not fitted too";
     let result = bench.run("a.csv", &[]);
@@ -199,7 +199,7 @@ fn a_record_cannot_judge_its_own_fit() {
 }
 
 #[test]
-fn an_unknown_effect_cannot_be_left_out() {
+fn an_unknown_effect_cannot_be_removed() {
     let bench = Bench::new();
     let (status, message) = bench.run("b.csv", &["--without", "hysteria"]);
     let first = message.lines().next().unwrap_or_default().to_owned();
@@ -211,7 +211,7 @@ fn an_unknown_effect_cannot_be_left_out() {
 }
 
 #[test]
-fn a_rig_of_half_the_length_is_doubted_and_nothing_is_named() {
+fn a_rig_of_half_the_length_causes_a_warning_and_no_explanation() {
     let bench = Bench::new();
     let halved = |line: &str| match line.split_once(" = ") {
         Some((key, value)) if key.starts_with("volume_d") || key == "initial_length_m" => {
@@ -234,10 +234,11 @@ fn a_rig_of_half_the_length_is_doubted_and_nothing_is_named() {
     );
 }
 
-/// The reference goes up and down while a cock is shut, and the hand that opens it is late. Whoever
-/// did not know of that would miss the pressure by hundreds of noises.
+/// The reference changes while the shut-off valve is shut, and the person opens it late. A
+/// diagnosis that ignored `valve_open` would have a residual of hundreds of standard deviations of
+/// the noise.
 #[test]
-fn a_shut_cock_is_no_effect() {
+fn a_shut_shut_off_valve_is_not_an_effect() {
     let reference_pa: Vec<f64> = (0..=ROWS)
         .map(|row| if row % 300 < 100 { 2e5 } else { 3.5e5 })
         .collect();
@@ -249,25 +250,25 @@ fn a_shut_cock_is_no_effect() {
     };
     let bench = Bench::new();
     let record = truth::experiment(SEED, *HEALTHY_INDEX, drive);
-    let told = with_cells(&record, "valve_open", |row, cell| match row {
+    let text = with_cells(&record, "valve_open", |row, cell| match row {
         550..650 => "1".into(),
         _ => cell.into(),
     });
-    bench.write("a.csv", &told);
+    bench.write("a.csv", &text);
     let (status, message) = bench.run("b.csv", &few());
     assert_eq!(status, Some(0), "{message}");
     let found = bench.diagnosis();
     assert_eq!(found["verdict"], "consistent", "{found}");
 }
 
-/// What a diagnosis names.
+/// The names of the effects that a diagnosis finds.
 fn names(diagnosis: &Value) -> Vec<&str> {
     let effects = diagnosis["effects"].as_array().expect("effects").iter();
     let names = effects.filter_map(|effect| effect["name"].as_str());
     names.collect()
 }
 
-fn assert_threads_change_nothing(case: &truth::Case, effects: &[&str]) {
+fn assert_result_does_not_depend_on_threads(case: &truth::Case, effects: &[&str]) {
     let diagnosis = |threads: &str| {
         let bench = Bench::of(case);
         let arguments = [few(), vec!["--threads", threads]].concat();
@@ -285,21 +286,22 @@ fn assert_threads_change_nothing(case: &truth::Case, effects: &[&str]) {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
-    assert_threads_change_nothing(&HEALTHY, &[]);
+fn result_does_not_depend_on_the_number_of_threads() {
+    assert_result_does_not_depend_on_threads(&HEALTHY, &[]);
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing_about_two_effects() {
-    assert_threads_change_nothing(
+fn result_with_two_effects_does_not_depend_on_the_number_of_threads() {
+    assert_result_does_not_depend_on_threads(
         &hiding(SEED, &["valve-lag", "leak"]),
         &["valve-lag", "leak"],
     );
 }
 
-/// The offset is small beside the slack, but shows in equations that a slack does not change.
+/// The offset is small compared with the slack, but observable in equations that do not depend on a
+/// slack.
 #[test]
-fn a_small_effect_is_named_where_the_large_one_changes_nothing() {
+fn a_small_effect_is_found_besides_a_large_one_in_other_equations() {
     let case = hiding(2046, &["slack", "contraction-sensor-offset"]);
     let bench = Bench::of(&case);
     bench.write("a.csv", &case.fit[0]);
@@ -310,17 +312,17 @@ fn a_small_effect_is_named_where_the_large_one_changes_nothing() {
     assert_eq!(names(&found), ["slack", "contraction-sensor-offset"]);
 }
 
-/// docs/diagnosis.md, as a newcomer types it; only `out/` is elsewhere.
+/// Runs the commands of docs/diagnosis.md; only `out/` is in another place.
 #[test]
 #[cfg_attr(
     debug_assertions,
-    ignore = "builds and runs what is optimised: `cargo test --release --test diagnose`"
+    ignore = "needs an optimised build: `cargo test --release --test diagnose`"
 )]
-fn the_tutorial_finds_what_it_says() {
+fn the_tutorial_prints_its_quoted_results() {
     let tutorial = include_str!("../../docs/diagnosis.md");
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().display().to_string();
-    // But for what needs a board.
+    // Without the section that needs a board.
     let (before, after) = tutorial
         .split_once("## The next experiment")
         .expect("the section");
@@ -352,7 +354,7 @@ fn the_tutorial_finds_what_it_says() {
     let effects = found["effects"].as_array().expect("effects");
     assert_eq!(effects.len(), 1);
     assert_eq!(effects[0]["name"], "leak");
-    // The interval that it finds holds what is hidden.
+    // The confidence interval contains the hidden value.
     let name = "conductance_kg_per_pa_s";
     let answer = read("hidden/held-back/s1-00030/truth.json");
     let hidden = answer["effects"][0]["standard"][name].as_f64();

@@ -54,7 +54,7 @@ fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
 }
 
 #[test]
-fn a_sensor_offset_shifts_the_begin_and_the_readings_of_a_simulated_pressure() {
+fn a_sensor_offset_shifts_the_initial_value_and_the_readings_of_a_simulated_pressure() {
     let offset = Effect::typical(
         &pressure_sensor_offset::KIND,
         &pressure_sensor_offset::KIND.forms[0],

@@ -1,7 +1,7 @@
 //! The firmware on the emulated board, through the command line.
 //!
-//! `FIRMWARE` names the firmware's ELF, `EMULATED_BOARD` the emulated board's program. Where both
-//! are there: `cargo test --release -p hil-sim --test emulated -- --ignored`.
+//! `FIRMWARE` names the firmware's ELF, `EMULATED_BOARD` the emulated board's program. If both
+//! exist: `cargo test --release -p hil-sim --test emulated -- --ignored`.
 
 use std::path::Path;
 use std::process::Command;
@@ -68,7 +68,7 @@ fn other_settings_are_stored_and_replayed() {
     }
 }
 
-/// A hidden effect in the plant, the drive, and the record of both.
+/// A hidden effect in the plant, a test signal, and the record of both.
 #[test]
 #[ignore = "needs FIRMWARE and EMULATED_BOARD"]
 fn an_experiment_is_played_on_the_firmware() {
@@ -106,11 +106,11 @@ fn an_experiment_is_played_on_the_firmware() {
     assert_eq!(result["replay"]["differing_ticks"], 0);
 }
 
-/// The whole path: a hidden effect, the experiment, its record, the diagnosis, the settings, and
-/// the assistance that is better for them.
+/// The complete workflow: a hidden effect, the test signal, its record, the diagnosis, the
+/// settings, and the assistance that they improve.
 #[test]
 #[ignore = "needs FIRMWARE and EMULATED_BOARD"]
-fn what_a_record_of_the_firmware_tells_makes_it_better() {
+fn diagnosis_of_a_firmware_record_improves_the_assistance() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
     let nominal = include_str!("../src/rig/reference_rig.toml").to_owned();

@@ -1,6 +1,6 @@
-//! The drive of an experiment stays within the rig's limits, and moves what it says.
+//! Test signals stay within the rig's limits, and contain the motions of their parts.
 
-use hil_sim::bench::test_signal::{Limits, Part, test_signal};
+use hil_sim::bench::test_signal::{Limits, Part, TestSignal, test_signal};
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::check::check;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
@@ -23,9 +23,9 @@ fn reference(record: &Record) -> &[f64] {
 }
 
 #[test]
-fn the_limits_are_the_rigs() {
+fn limits_follow_from_the_rig() {
     let limits = Limits::of(&rig(), CONTRACTION_MAX).expect("limits");
-    // 12 kg leave the stop at 126.3 kPa without friction; 7 N of it are 2.9 kPa more.
+    // 12 kg leave the stop at 126.3 kPa without friction; 7 N of friction add 2.9 kPa.
     assert!((limits.low_pa - 1.293e5).abs() < 500.0, "{limits:?}");
     // Eq 1 with 12 kg at 0.3, below 95 % of 500 kPa.
     let high_pa = (12.0 * 9.80665 + 183.0) / (3.7718e-3 * 0.49 - 1.39e-3);
@@ -75,16 +75,20 @@ fn pressure_and_its_rate_stay_within_the_limits_and_both_ends_are_vented() {
             }));
             assert!(
                 reference_pa.iter().all(|pa| pa.fract() == 0.0),
-                "whole pascals are read"
+                "whole pascals"
             );
         }
     }
 }
 
-/// The nominal rig, which is damped less than a real one.
+/// On the nominal rig, which has less damping than a real one.
 #[test]
 fn the_weight_is_neither_thrown_nor_dropped() {
-    let (limits, drive) = drive(&Part::DEFAULT);
+    let limits = Limits::of(&rig(), CONTRACTION_MAX).expect("limits");
+    let TestSignal {
+        record: drive,
+        parts,
+    } = test_signal(&limits, &Part::DEFAULT);
     let mut begin = Record::new(drive.time_s().to_vec());
     begin.set(PRESSURE_REF_PA, reference(&drive).to_vec());
     for name in [PRESSURE_PA, CONTRACTION] {
@@ -96,26 +100,35 @@ fn the_weight_is_neither_thrown_nor_dropped() {
     assert!(greatest <= CONTRACTION_MAX, "{greatest}");
     assert!(
         greatest > 0.8 * CONTRACTION_MAX,
-        "{greatest}: the range is made use of"
+        "{greatest}: the range is not used"
     );
     let force_n = simulated.column(FORCE_N).expect("the column");
-    // Off its stop the weight hangs on the muscle.
-    let lifted = force_n
-        .iter()
-        .zip(contraction)
-        .filter(|(_, contraction)| **contraction > 0.005);
-    assert!(lifted.clone().count() > 20_000);
-    assert!(
-        lifted
-            .map(|(force_n, _)| *force_n)
-            .fold(f64::INFINITY, f64::min)
-            > 0.0
-    );
+    // Off its stop the weight hangs on the muscle, and the rope stays taut. Triangles and holds
+    // begin with 6 s towards the lowest pressure, at which it rests, and the signal ends with 4 s
+    // towards none. In between it stays off, but for the first second of the slowest rise, which
+    // takes 16 s.
+    let is_lifted = |row: usize| contraction[row] > 0.005;
+    let rows = force_n.len();
+    assert!((0..rows).all(|row| !is_lifted(row) || force_n[row] > 0.0));
+    let start_s = |wanted| {
+        let part = parts.iter().find(|(part, _)| *part == wanted);
+        part.expect("the part").1
+    };
+    let end_s = drive.time_s()[rows - 1];
+    for (from_s, to_s) in [
+        (start_s(Part::Triangles), start_s(Part::Holds)),
+        (start_s(Part::Holds), end_s - 4.0),
+    ] {
+        let between = from_s + 6.0 + 1.0..to_s;
+        let rests =
+            (0..rows).find(|row| between.contains(&drive.time_s()[*row]) && !is_lifted(*row));
+        assert_eq!(rests.map(|row| drive.time_s()[row]), None);
+    }
 
-    // What is simulated here is what a diagnosis wants.
+    // The simulated record is sufficient for a diagnosis.
     let found = check(&simulated);
     assert!(found.errors.is_empty());
-    for block in found.subsystems(Some(&rig())) {
+    for block in found.subsystems(&rig().catalogue, Some(&rig())) {
         assert!(block.enough, "{block:?}");
         let blind = block
             .blind_to
@@ -127,11 +140,13 @@ fn the_weight_is_neither_thrown_nor_dropped() {
 }
 
 #[test]
-fn each_part_does_what_it_is_for() {
+fn each_part_contains_its_motions() {
     let (_, zero) = drive(&[Part::Zero]);
-    assert!(zero.time_s().len() > 1000 && reference(&zero).iter().all(|pa| *pa == 0.0));
+    // 2 s to zero, 10 s there, and at the end 2 s to zero and 2 s there.
+    assert_eq!(zero.time_s().len(), (2 + 10 + 2 + 2) * 100 + 1);
+    assert!(reference(&zero).iter().all(|pa| *pa == 0.0));
 
-    let look = |part: Part| {
+    let checked = |part: Part| {
         let (limits, record) = drive(&[part]);
         let found = check(&{
             let mut record = record.clone();
@@ -144,25 +159,30 @@ fn each_part_does_what_it_is_for() {
             found.signal(PRESSURE_REF_PA).expect("the column").clone(),
         )
     };
-    // Twelve legs, half of them with a minor loop that turns twice; the last leg goes on to zero.
-    let (limits, _, signal) = look(Part::Triangles);
+    // Twelve ramps, half of them with a minor loop of two reversals; the last ramp continues to
+    // zero.
+    let (limits, _, signal) = checked(Part::Triangles);
     assert_eq!(signal.reversals, 11 + 6 * 2);
     assert_eq!((signal.min, signal.max), (0.0, limits.high_pa));
-    let (_, _, signal) = look(Part::Holds);
+    let (_, _, signal) = checked(Part::Holds);
     assert!((59.0..61.0).contains(&signal.longest_hold_s), "{signal:?}");
-    assert!(signal.steps >= 4, "{signal:?}");
-    let (_, record, _) = look(Part::ShutHolds);
+    assert_eq!(signal.steps, 4, "one for each hold");
+    let (_, record, _) = checked(Part::ShutHolds);
     let shut = record.shut();
     assert_eq!(shut.iter().filter(|shut| **shut).count(), 4 * 6000);
     let rows = reference(&record).windows(2).zip(&shut[1..]);
     let held = rows
         .filter(|(_, shut)| **shut)
         .all(|(pair, _)| pair[0] == pair[1]);
-    assert!(held, "with the cock shut the reference rests");
-    let (limits, _, signal) = look(Part::Sweep);
     assert!(
-        signal.steps >= 8 && signal.max < limits.high_pa,
-        "{signal:?}"
+        held,
+        "the reference changes while the shut-off valve is shut"
     );
+    let (limits, _, signal) = checked(Part::Sweep);
+    // Five sizes, of which the largest ends at the maximum, 36 kPa off the middle; of the middle
+    // one, a quarter, each step from side to side is more than 5 % of the maximum. Four each of the
+    // three largest, and the return.
+    assert_eq!(signal.steps, 3 * 4 + 1);
+    assert!(signal.max < limits.high_pa, "{signal:?}");
     assert!(drive(&Part::DEFAULT).1.shut().is_empty());
 }

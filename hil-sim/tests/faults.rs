@@ -1,10 +1,11 @@
-//! The fault campaign in short; and that it can fail. The whole one: `hil-sim faults`.
+//! A short fault campaign, and tests that each bound can be violated. `hil-sim faults` runs the
+//! whole campaign.
 
 use hil_sim::bench::person::Finger;
 use hil_sim::faults::ablation::SafetyFunction;
 use hil_sim::faults::bounds::bounds;
 use hil_sim::faults::campaign::{run_all, run_case};
-use hil_sim::faults::kind::{Decides, KINDS, Kind};
+use hil_sim::faults::kind::{KINDS, Kind, LimitedBy};
 use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::{Case, Moment};
 use model_core::controller::{Control, Controller};
@@ -16,16 +17,20 @@ use muscle_plant::effects::Effect;
 use muscle_plant::nominal::Load;
 use rayon::prelude::*;
 
-fn outside(outcomes: &[Outcome]) -> Vec<&Outcome> {
-    let outside = outcomes.iter().filter(|case| !case.outside.is_empty());
-    outside.collect()
+fn violating(outcomes: &[Outcome]) -> Vec<&Outcome> {
+    let violating = outcomes.iter().filter(|case| !case.violations.is_empty());
+    violating.collect()
 }
 
 #[test]
-fn no_case_is_outside_its_bounds() {
+fn no_case_violates_its_bounds() {
     let cases = (0..6 * KINDS.len() as u64).into_par_iter();
     let outcomes = run_all(cases.map(|n| Case::new(3, n)), None, || {}).expect("it runs");
-    assert!(outside(&outcomes).is_empty(), "{:#?}", outside(&outcomes));
+    assert!(
+        violating(&outcomes).is_empty(),
+        "{:#?}",
+        violating(&outcomes)
+    );
 }
 
 #[test]
@@ -43,9 +48,9 @@ fn kind(name: &str) -> &'static Kind {
     found.unwrap_or_else(|| panic!("no kind of fault is called {name}"))
 }
 
-/// Every form of every effect at its typical size, in lifts as people do them: no false alarm.
+/// Every form of every effect at its typical size, in lifts of typical height and speed.
 #[test]
-fn a_healthy_rig_raises_no_alarm() {
+fn a_healthy_rig_causes_no_false_alarm() {
     let healthy = kind("healthy");
     let forms = Catalogue::standard()
         .kinds()
@@ -62,15 +67,19 @@ fn a_healthy_rig_raises_no_alarm() {
         })
     });
     let outcomes = run_all(cases, None, || {}).expect("it runs");
-    assert!(outside(&outcomes).is_empty(), "{:#?}", outside(&outcomes));
+    assert!(
+        violating(&outcomes).is_empty(),
+        "{:#?}",
+        violating(&outcomes)
+    );
 }
 
-/// Cases in which a fault is looked for that shows the need of a safety function.
+/// Number of cases that are searched for one that shows the need of a safety function.
 const TRIED: u64 = 600;
 
 /// The safety functions, each with a kind of fault and the bound that a case of it violates without
-/// the function. Of the last five no case is known that violates another bound than the reason's.
-const NEEDED: [(SafetyFunction, &str, &str); 12] = [
+/// the function. Of the last six no case is known that violates another bound than the reason's.
+const NEEDED: [(SafetyFunction, &str, &str); 13] = [
     (
         SafetyFunction::SensorRange,
         "gauge drifting",
@@ -107,6 +116,11 @@ const NEEDED: [(SafetyFunction, &str, &str); 12] = [
     ),
     (SafetyFunction::SpeedTrip, "payload lost", "reason late"),
     (SafetyFunction::MissedTicks, "ticks missed", "reason late"),
+    (
+        SafetyFunction::EmergencyStop,
+        "emergency stop pressed",
+        "reason late",
+    ),
 ];
 
 #[test]
@@ -118,8 +132,8 @@ fn without_any_safety_function_a_case_violates_a_bound() {
         let cases = (0..TRIED).map(|number| Case::of(kind(fault), 1, number));
         let is_needed = |case: &Case| {
             let run = |without| run_case(case, without, |_| {}).expect("it runs");
-            let is_outside = run(Some(*function)).outside.contains(bound);
-            is_outside && run(None).outside.is_empty()
+            let is_violated = run(Some(*function)).violations.contains(bound);
+            is_violated && run(None).violations.is_empty()
         };
         let shown = cases.into_iter().find(is_needed);
         println!(
@@ -135,23 +149,23 @@ fn without_any_safety_function_a_case_violates_a_bound() {
 fn case_at(kind: &'static Kind, moment: Moment) -> Case {
     let mut cases = (0..).map(|number| Case::of(kind, 1, number));
     let found = cases.find(|case| case.moment == moment);
-    found.expect("the moments take turns")
+    found.expect("every moment is drawn at some number")
 }
 
-/// The same kind of fault, as if the controller could keep its bounds.
-fn decided_by_controller(name: &str) -> &'static Kind {
+/// The same kind of fault, with the bounds of a motion that the controller limits.
+fn limited_by_controller(name: &str) -> &'static Kind {
     Box::leak(Box::new(Kind {
-        decides: Decides::Controller,
+        limited_by: LimitedBy::Controller,
         ..*kind(name)
     }))
 }
 
-/// Without the wider bounds of what physics decides, or on a rig that is not the controller's.
-/// "speed down" and the rest are in [`NEEDED`].
+/// With the narrow bounds for a fault that only energy limits, or on a rig that does not match the
+/// controller's settings. "speed down" and the other bounds are in [`NEEDED`].
 #[test]
 fn every_bound_of_the_weight_and_the_pressure_can_be_violated() {
-    let lost = case_at(decided_by_controller("payload lost"), Moment::Holding);
-    let mut strong = case_at(decided_by_controller("valve stuck open"), Moment::Holding);
+    let lost = case_at(limited_by_controller("payload lost"), Moment::Holding);
+    let mut strong = case_at(limited_by_controller("valve stuck open"), Moment::Holding);
     if let Some(valve) = &mut strong.rig.nominal.valve {
         valve.supply_pressure.0 = 8e5;
     }
@@ -180,16 +194,16 @@ fn every_bound_of_the_weight_and_the_pressure_can_be_violated() {
         (&heavy, "false alarm"),
     ] {
         let outcome = run_case(case, None, |_| {}).expect("it runs");
-        assert!(outcome.outside.contains(&bound), "{bound}: {outcome:#?}");
+        assert!(outcome.violations.contains(&bound), "{bound}: {outcome:#?}");
     }
 }
 
-/// What physics decides has bounds of its own, which are wider.
+/// If only energy limits the motion, the bounds in its direction are wider.
 #[test]
-fn the_bounds_widen_where_no_controller_can_keep_them() {
+fn bounds_are_wider_if_only_energy_limits_the_motion() {
     let values = SettingsValues::reference();
     let bounds_of = |kind| bounds(&case_at(kind, Moment::Holding), &values);
-    let kept = bounds_of(decided_by_controller("payload lost"));
+    let kept = bounds_of(limited_by_controller("payload lost"));
     let flung = bounds_of(kind("payload lost"));
     let dropped = bounds_of(kind("supply lost"));
     assert!(flung.speed_up_m_per_s > kept.speed_up_m_per_s && flung.height_m > kept.height_m);
@@ -198,9 +212,9 @@ fn the_bounds_widen_where_no_controller_can_keep_them() {
     assert_eq!(dropped.height_m, kept.height_m);
     // Three halves of the reference's speed, and free fall for three ticks.
     assert!((kept.speed_up_m_per_s - (1.5 * 0.25 + 9.80665 * 0.03)).abs() < 1e-12);
-    // Free fall through the stroke, 0.099 m, from the speed that is kept.
-    let fallen = 2.0 * 9.80665 * kept.height_m + kept.speed_down_m_per_s.powi(2);
-    assert!((dropped.speed_down_m_per_s - fallen.sqrt()).abs() < 1e-12);
+    // Free fall through the stroke, 0.099 m, from the speed that the controller permits.
+    let squared_speed = 2.0 * 9.80665 * kept.height_m + kept.speed_down_m_per_s.powi(2);
+    assert!((dropped.speed_down_m_per_s - squared_speed.sqrt()).abs() < 1e-12);
     assert!((kept.pressure_pa - 5.5e5).abs() < 1e-6);
 }
 

@@ -1,4 +1,5 @@
-//! Files of other programs become records, or are refused where they are not what was said.
+//! Import of other programs' files: converted to records, or refused if they do not fit the
+//! mapping.
 //!
 //! `tests/import` holds MATLAB files as scipy 1 (version 5) and h5py 3 with MATLAB's header (7.3)
 //! write them: `make.py` there.
@@ -58,7 +59,7 @@ fn close(one: &[f64], other: &[f64]) -> bool {
 }
 
 #[test]
-fn the_example_does_what_it_says() {
+fn the_example_mapping_imports_the_example_file() {
     let Imported { record, summary } = import(Map::EXAMPLE_TOML, Map::EXAMPLE_CSV.as_bytes());
     assert!(close(record.time_s(), &[0.0, 0.01, 0.02, 0.025, 0.03]));
     let column = |name| record.column(name).expect("the column");
@@ -90,7 +91,7 @@ fn the_example_does_what_it_says() {
 }
 
 #[test]
-fn units_become_si() {
+fn units_are_converted_to_si() {
     let of = |key: &str, unit: &str, cell: &str| {
         let text = format!(
             "[time]\nrate_hz = 10\n[columns.{key}]\ncolumn = 1\nunit = \"{unit}\"\nscale = 2\n\
@@ -126,7 +127,7 @@ fn times_come_from_a_rate_or_a_column_in_any_unit() {
 }
 
 #[test]
-fn times_that_do_not_rise_are_refused_or_mended_as_asked_and_told() {
+fn times_that_do_not_increase_are_refused_or_corrected_and_reported() {
     let file = b"t,f\n0,1\n1,2\n1,3\n1,4\n2,5\n0.5,6\n1.5,7\n3,8\n";
     let with = |keys: &str| SIMPLE.replace("unit = \"s\"", &format!("unit = \"s\"\n{keys}"));
     assert_eq!(
@@ -177,15 +178,15 @@ fn times_that_do_not_rise_are_refused_or_mended_as_asked_and_told() {
     assert_eq!(kept.summary.restarted_times.done, "continued");
     assert_eq!(
         kept.summary.restarted_times.count, 1,
-        "the clock was set anew once"
+        "the clock was reset once"
     );
-    // At the end there is no next time.
+    // At the end there is no next time: a period is used.
     let spread = import(&with("repeated = \"spread\""), b"t,f\n0,1\n2,2\n2,3\n");
     assert!(close(spread.record.time_s(), &[0.0, 2.0, 3.0]));
 }
 
 #[test]
-fn bad_cells_are_named_by_line_and_column() {
+fn errors_of_cells_name_line_and_column() {
     for (file, message) in [
         (
             &b"t,f\n0,1\n\n1,x\n"[..],
@@ -241,7 +242,7 @@ fn bad_cells_are_named_by_line_and_column() {
 }
 
 #[test]
-fn latin_1_and_files_without_a_header_are_read_and_told() {
+fn latin_1_and_files_without_a_header_are_read_and_reported() {
     let named = SIMPLE.replace("column = 2", "column = \"Kraft in N/m²\"");
     let imported = import(&named, b"t,Kraft in N/m\xb2\n0,1\n");
     assert_eq!(imported.summary.encoding, Some("Latin-1"));
@@ -256,7 +257,7 @@ fn latin_1_and_files_without_a_header_are_read_and_told() {
 }
 
 #[test]
-fn mappings_that_say_nothing_are_refused_with_their_line() {
+fn invalid_mappings_are_refused_with_their_line() {
     for (from, to, message) in [
         (
             "unit = \"s\"",
@@ -362,7 +363,7 @@ fn matlab_files_are_read_in_each_version() {
 }
 
 #[test]
-fn the_command_tells_what_it_did_and_spares_its_inputs() {
+fn the_command_prints_a_summary_and_does_not_overwrite_its_inputs() {
     let folder = tempfile::tempdir().expect("a folder");
     let run = |args: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_hil-sim"))
@@ -401,9 +402,9 @@ fn the_command_tells_what_it_did_and_spares_its_inputs() {
 }
 
 proptest! {
-    /// A damaged file is refused or read, never a crash.
+    /// A damaged file is refused or read; the program never panics.
     #[test]
-    fn damaged_matlab_files_do_no_harm(
+    fn damaged_matlab_files_cause_no_panic(
         which in 0..1_usize,
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         cut in any::<prop::sample::Index>(),

@@ -176,7 +176,7 @@ fn a_changed_output_is_found_with_its_size() {
 
 /// MCAP as others read it: the crate's own reader, summary, schema, every message.
 #[test]
-fn mcap_is_what_viewers_expect() {
+fn mcap_has_the_contents_that_viewers_need() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("short.csv");
     record_wandering(&mut client(DeviceBoard::new(3)), 120, &path);
@@ -207,9 +207,9 @@ fn mcap_is_what_viewers_expect() {
     assert_eq!(messages, 120);
 }
 
-/// A record cut anywhere in its last block is read up to there.
+/// A record that is truncated in its last block is read up to that block.
 #[test]
-fn mcap_that_is_cut_off_is_read_as_far_as_it_is_whole() {
+fn a_truncated_mcap_file_is_read_up_to_its_last_complete_block() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("short.csv");
     record_wandering(&mut client(DeviceBoard::new(3)), 500, &path);
@@ -221,7 +221,7 @@ fn mcap_that_is_cut_off_is_read_as_far_as_it_is_whole() {
         let rows = mcap::read(&mcap_path).unwrap().time_s().len();
         assert!(rows >= rows_before, "{rows}");
         rows_before = rows;
-        // Only the block in which the cut is, of 50 rows, is lost.
+        // Only the truncated block of 50 rows is lost.
         assert!(rows + 50 >= 500 * share / 10, "{rows} of {share} tenths");
     }
 }
@@ -254,7 +254,7 @@ fn settings_are_stored_only_if_allowed() {
 }
 
 #[test]
-fn an_armed_board_is_left_alone() {
+fn an_armed_board_is_not_changed() {
     let mut client = client(DeviceBoard::new(1));
     for _ in 0..70 {
         client.next(Duration::from_millis(20)).unwrap();
@@ -272,7 +272,7 @@ fn an_armed_board_is_left_alone() {
 }
 
 #[test]
-fn a_dead_line_is_given_up() {
+fn a_line_without_telemetry_is_given_up() {
     let mut board = DeviceBoard::new(1);
     board.events.push_back((20, Event::Unplugged(u32::MAX / 2)));
     let mut client = client(board);
@@ -281,7 +281,7 @@ fn a_dead_line_is_given_up() {
     assert!(matches!(error, Some(LinkError::NoAnswer(_))), "{error:?}");
 }
 
-/// Telemetry of a board on its pins, as `record` writes it, with gaps, a reset, and its own start.
+/// Telemetry of a board that reads its pins, as `record` writes it, with gaps and a reset.
 #[test]
 fn a_recorded_rig_is_replayed_from_each_known_start() {
     let folder = tempfile::tempdir().unwrap();
@@ -317,7 +317,7 @@ fn a_recorded_rig_is_replayed_from_each_known_start() {
     assert_eq!(result.ticks - result.compared_ticks, reset - gap);
 }
 
-/// A line that damages what it carries, a plug that is pulled, a board that is reset.
+/// A line that damages bytes, a plug that is pulled, a board that is reset.
 fn bad_board() -> impl Strategy<Value = DeviceBoard> {
     let rate = 0..500_u16;
     let faults = (rate.clone(), rate.clone(), rate.clone(), rate, 0..3_000_u16);
@@ -343,10 +343,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     /// Whatever the line does: each sensors message is read once, in order, its output is the one
-    /// that is reported, and where the controller has begun anew this is known. So a controller
+    /// that is reported, and where the controller has restarted this is known. So a controller
     /// here that is told the same decides the same.
     #[test]
-    fn a_bad_line_makes_no_wrong_state(board in bad_board()) {
+    fn a_faulty_line_causes_no_wrong_state(board in bad_board()) {
         let mut client = client(board);
         client.restart_in_loop().unwrap();
         let mut here = Controller::new(reference());

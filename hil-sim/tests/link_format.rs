@@ -23,7 +23,7 @@ fn frame(message: &impl Serialize) -> String {
 }
 
 #[test]
-fn frames_are_what_the_specification_says() {
+fn frames_match_the_specification() {
     let specification = include_str!("../../docs/link.md");
     assert!(specification.contains(&format!("Version {VERSION}.")));
     let telemetry = Telemetry {
@@ -62,13 +62,13 @@ fn frames_are_what_the_specification_says() {
     }
 }
 
-/// Every message, down to its last variant and field. A reader of another version would take a
-/// changed one for something else, or drop it without a word.
+/// Every message with all variants and fields. A reader of another version would misinterpret a
+/// changed message, or drop it silently.
 #[test]
 fn messages_of_a_version_never_change() {
     let mut tracer = Tracer::new(TracerConfig::default());
     let samples = Samples::new();
-    // One that is left out is an error below.
+    // A missing message is an error below.
     tracer.trace_type::<ToDevice>(&samples).unwrap();
     tracer.trace_type::<FromDevice>(&samples).unwrap();
     tracer.trace_simple_type::<Board>().unwrap();

@@ -18,10 +18,10 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Guards against hanging only: no test takes a noticeable part of it.
+/// Timeout against hanging; no test needs a significant part of it.
 const HANGING: Duration = Duration::from_secs(300);
 
-/// How long the board's clock runs on while the plug is out: longer than the half second after
+/// Time on the board's clock for which the plug is out: longer than the half second after
 /// which the board ends hardware in the loop.
 const UNPLUGGED_TICKS: u32 = 80;
 
@@ -101,7 +101,7 @@ impl Plugged {
         Plugged::pulled_at(folder, None)
     }
 
-    /// A board whose plug is pulled at a tick of its clock, and put in again 80 ticks later.
+    /// A board whose plug is pulled at a tick of its clock, and inserted again 80 ticks later.
     fn pulled_at(folder: &Path, tick: Option<u32>) -> Plugged {
         let path = folder.join("tty");
         let signals = Arc::<Signals>::default();
@@ -192,7 +192,7 @@ fn a_recorder_that_is_killed_leaves_readable_files() {
     let mcap = mcap::read(&folder.path().join("rec.mcap")).unwrap();
     for record in [csv, mcap] {
         let ticks = record.time_s().len();
-        // Lost at most: the half second that was being written, and the one that was collected.
+        // At most two half seconds are lost: the one being written, and the one being collected.
         let last = *record.column("tick").unwrap().last().unwrap();
         assert!(told - last <= 100.0, "{last} of {told}");
         let result = replay(&Inputs::new(&record).unwrap(), &mut OnPc::default(), |_| {}).unwrap();
@@ -217,7 +217,7 @@ fn a_recorder_counts_the_ticks_it_lost_while_the_plug_was_out() {
         "--json",
     ];
     let recorder = start(folder.path(), &args);
-    // More than the board has told before the plug is pulled.
+    // More than the board has sent before the plug is pulled.
     wait_for_lines(&folder.path().join("rec.csv"), 200);
     interrupt(&recorder);
     let (summary, message) = succeeded(recorder.wait_with_output().unwrap());
@@ -273,9 +273,9 @@ fn hardware_in_the_loop_restarts_once_after_the_plug_was_out() {
     assert_eq!(summary["replay"]["differing_ticks"], 0);
 }
 
-/// The board in memory has no muscle: its pressure stays where it is, which this drive's may too.
+/// The board in memory has no muscle: its pressure stays constant, as that of this test signal may.
 #[test]
-fn an_experiment_is_played_where_the_board_allows_it() {
+fn a_test_signal_is_played_if_the_board_permits_it() {
     let folder = tempfile::tempdir().unwrap();
     let board = Plugged::new(folder.path());
     let drive = "time_s,pressure_ref_pa\n0,0\n0.5,20000\n1,10000\n1.5,0\n";
@@ -307,7 +307,7 @@ fn an_experiment_is_played_where_the_board_allows_it() {
     let record = Record::read(&folder.path().join("rec.csv")).unwrap();
     let modes = record.text("mode").unwrap();
     let played = modes.iter().filter(|mode| *mode == "Playing").count();
-    // From its first row to its last, and until the request to vent has come through.
+    // All rows, and the ticks until the request to vent is received.
     assert!((151..=160).contains(&played), "{played} of 151 ticks");
     let reference_pa = record.column("pressure_ref_pa").unwrap();
     let most_pa = reference_pa.iter().copied().fold(0.0, f64::max);
@@ -322,6 +322,6 @@ fn an_experiment_is_played_where_the_board_allows_it() {
         (modes.len(), 0),
         "{result:?}"
     );
-    // It is forbidden again.
+    // The previous setting is restored.
     assert_eq!(play("again.csv", &[]).status.code(), Some(2));
 }

@@ -1,4 +1,4 @@
-//! Malformed rigs and records: exit status 2, one line that says where, and nothing written.
+//! Malformed rigs and records: exit status 2, one line with the position, and no output file.
 
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::Record;
@@ -15,7 +15,7 @@ time_s,pressure_ref_pa,pressure_pa,contraction,note
 0.03,1e5,,,
 ";
 
-/// Lines of the reference rig, what is put in their place, and what the message must say.
+/// Lines of the reference rig, their replacements, and the expected message.
 const RIGS: [(&str, &str, &str); 33] = [
     (
         "schema = 1",
@@ -168,7 +168,7 @@ const RIGS: [(&str, &str, &str); 33] = [
     ),
 ];
 
-/// Whole records, and what the message must say.
+/// Complete records, and the expected message.
 const RECORDS: [(&str, &str); 32] = [
     ("", ":1: expected a"),
     ("\n\n\n", ":1: expected a"),
@@ -265,7 +265,7 @@ const RECORDS: [(&str, &str); 32] = [
         "time_s,pressure_ref_pa\n0,1e5\n1e9,2e5\n2e9,1e5\n",
         ":3: column `time_s`: expected seconds, at most 10000 from row to row",
     ),
-    // Blank lines are no rows, and lines all the same.
+    // Blank lines are not rows, but count as lines.
     (
         "time_s,pressure_ref_pa\n\n\n0,abc\n",
         ":4: column `pressure_ref_pa`: expected a number",
@@ -356,7 +356,7 @@ fn malformed_rigs_are_refused_in_one_line() {
 }
 
 #[test]
-fn rigs_that_lack_what_the_record_asks_for_are_refused() {
+fn rigs_that_lack_a_section_for_the_record_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let until = |end: &str| {
         Rig::REFERENCE_TOML
@@ -370,7 +370,7 @@ fn rigs_that_lack_what_the_record_asks_for_are_refused() {
         (until("[load]"), "key `load`: expected this section"),
         (
             until("[valve]"),
-            "key `valve`: expected this section, as the record's",
+            "key `valve`: expected this section, as the record has a `pressure_ref_pa`",
         ),
         (
             until("[gas]"),
@@ -404,7 +404,7 @@ fn malformed_records_are_refused_in_one_line() {
 }
 
 #[test]
-fn files_that_are_not_there_are_named() {
+fn missing_files_are_named() {
     let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .args([
             "simulate",
@@ -435,7 +435,7 @@ fn mutated(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
             let end = (place + length).min(bytes.len());
             match how {
                 0 if !bytes.is_empty() => bytes[place] = byte,
-                // What matters to numbers and tables more often than a random byte does.
+                // Characters that are significant in numbers and tables.
                 1 => bytes.insert(place, b"-.e9,\n\"=[]#0"[usize::from(byte) % 12]),
                 2 => drop(bytes.drain(place..end)),
                 _ => {
@@ -457,7 +457,7 @@ fn simulated(rig: &[u8], record: &[u8]) -> Result<Record, String> {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
-    /// Never a panic, never more than a line, and what is accepted gives finite numbers.
+    /// No panic, at most one line of error, and finite numbers from accepted files.
     #[test]
     fn fuzzed_files_are_accepted_or_refused_in_one_line(
         rig in mutated(Rig::REFERENCE_TOML),

@@ -1,5 +1,5 @@
-//! An experiment is played by the controller: what was asked for comes to the valve, and it ends
-//! vented.
+//! Playing of test signals: the requests of the player, and the pressures that the controller
+//! commands until the muscle is vented.
 
 use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::closed_loop::{Run, run_in_process};
@@ -30,8 +30,8 @@ fn output(mode: Mode, pressure_ref_pa: f32) -> Output {
     }
 }
 
-/// A player of 0, 100 and 0 kPa, from 5 s on, that has begun at tick 100.
-fn begun() -> Player {
+/// A player of 0, 100 and 0 kPa, from 5 s on, that has started at tick 100.
+fn started_player() -> Player {
     let text = "time_s,pressure_ref_pa,valve_open\n5,0,1\n5.02,1e5,0\n5.04,,1\n5.05,0,1\n";
     let mut player = Player::new(&record(text)).expect("a drive");
     assert_eq!(player.pressure_pa_max(), 1e5);
@@ -47,19 +47,21 @@ fn begun() -> Player {
 }
 
 #[test]
-fn each_row_is_asked_for_in_its_time_and_the_end_is_vented() {
-    let mut player = begun();
-    let told = Output {
+fn each_row_is_requested_at_its_time_and_then_the_muscle_is_vented() {
+    let mut player = started_player();
+    let playing = Output {
         pressure: GaugePa(4.12346e4),
         ..output(Mode::Playing, 0.0)
     };
-    let asked: Vec<Request> = (100..106).map(|tick| player.request(tick, &told)).collect();
+    let requests: Vec<Request> = (100..106)
+        .map(|tick| player.request(tick, &playing))
+        .collect();
     let play = |kpa: u32| Request::Play(1000 * kpa);
     assert_eq!(
-        asked,
+        requests,
         [
             play(0),
-            // The cock is shut: near what was read, until that is near.
+            // The shut-off valve is shut: within 40 kPa of the pressure.
             Request::Play(81_235),
             Request::Play(81_235),
             Request::Play(81_235),
@@ -77,8 +79,8 @@ fn each_row_is_asked_for_in_its_time_and_the_end_is_vented() {
 }
 
 #[test]
-fn ticks_that_were_not_seen_take_their_time() {
-    let mut player = begun();
+fn ticks_that_were_not_received_count_as_played() {
+    let mut player = started_player();
     player.request(100, &output(Mode::Playing, 0.0));
     assert_eq!(
         player.request(104, &output(Mode::Playing, 0.0)),
@@ -87,9 +89,9 @@ fn ticks_that_were_not_seen_take_their_time() {
 }
 
 #[test]
-fn an_early_end_is_told_with_its_reason() {
+fn an_early_end_has_its_reason() {
     let ends = |outputs: &[Output]| {
-        let mut player = begun();
+        let mut player = started_player();
         for (tick, output) in (100..).zip(outputs) {
             player.request(tick, output);
         }
@@ -119,19 +121,21 @@ fn an_early_end_is_told_with_its_reason() {
 }
 
 #[test]
-fn a_drive_below_none_is_refused() {
+fn a_negative_pressure_is_refused() {
     let drive = record("time_s,pressure_ref_pa\n0,0\n1,-5\n");
-    let error = Player::new(&drive).expect_err("a vacuum").to_string();
+    let error = Player::new(&drive)
+        .expect_err("a negative pressure")
+        .to_string();
     assert_eq!(
         error,
         "exp.csv:3: column `pressure_ref_pa`: expected a gauge pressure from 0, found -5"
     );
 }
 
-/// A leaking rig plays the holds with the cock shut, without a fault. Its record tells when that
-/// was, and only with that and the leak does a simulation follow.
+/// A leaking rig plays the holds with the shut-off valve shut, without a fault. A simulation
+/// follows its record only with the leak and with the recorded state of the shut-off valve.
 #[test]
-fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
+fn a_leak_behind_the_shut_off_valve_is_recorded_and_simulated() {
     let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 1e-10\n";
     let text = format!("{}{leak}", Rig::REFERENCE_TOML);
     let leaking = Rig::parse("rig.toml", &text).expect("a rig");
@@ -143,30 +147,30 @@ fn what_leaks_while_the_cock_is_shut_is_recorded_and_simulated() {
     let count = |rows: &[bool]| rows.iter().filter(|shut| **shut).count();
     assert_eq!(count(&shut), count(&drive.shut()));
 
-    // While the cock is shut, on average.
-    let missed_pa = |rig: &Rig, record: &Record| {
+    // Mean absolute error while the shut-off valve is shut.
+    let error_pa = |rig: &Rig, record: &Record| {
         let simulated = simulate(rig, record, TOLERANCE).expect("a simulation");
         let of = |record: &Record| record.column(PRESSURE_PA).expect("the column").to_vec();
         let (simulated_pa, measured_pa) = (of(&simulated), of(record));
         let rows = (0..shut.len()).filter(|row| shut[*row]);
-        let missed_pa = rows.map(|row| (simulated_pa[row] - measured_pa[row]).abs());
-        missed_pa.sum::<f64>() / count(&shut) as f64
+        let errors_pa = rows.map(|row| (simulated_pa[row] - measured_pa[row]).abs());
+        errors_pa.sum::<f64>() / count(&shut) as f64
     };
     let noise_pa = Run::PAPER.pressure_noise_pa;
     let tight = Rig::reference();
-    // A slip comes a little earlier or later, which the noise hardly shows.
-    let followed_pa = missed_pa(&leaking, &recorded);
+    // Stick-slip occurs slightly earlier or later than recorded: twice the noise.
+    let followed_pa = error_pa(&leaking, &recorded);
     assert!(followed_pa < 2.0 * noise_pa, "{followed_pa}");
-    let tight_pa = missed_pa(&tight, &recorded);
+    let tight_pa = error_pa(&tight, &recorded);
     assert!(tight_pa > 20.0 * noise_pa, "{tight_pa}");
     let mut open = recorded.clone();
     open.remove(VALVE_OPEN);
-    let open_pa = missed_pa(&leaking, &open);
+    let open_pa = error_pa(&leaking, &open);
     assert!(open_pa > 20.0 * noise_pa, "{open_pa}");
 }
 
 #[test]
-fn what_is_said_of_the_cock_is_open_or_shut() {
+fn valve_open_is_either_1_or_0() {
     let drive = record("time_s,pressure_ref_pa,valve_open\n0,0,\n1,0,0\n2,0,\n3,0,1\n");
     assert_eq!(drive.shut(), [false, true, true, false]);
     let text = "time_s,pressure_ref_pa,valve_open\n0,0,1\n1,0,0.5\n";
@@ -177,10 +181,11 @@ fn what_is_said_of_the_cock_is_open_or_shut() {
     );
 }
 
-/// The hand is late, a leak has emptied the muscle, and the sensor reads too much: the reference
-/// does not go where that leads, nor is the weight thrown where the cock opens.
+/// The shut-off valve is operated late, a leak has emptied the muscle, and the pressure sensor has
+/// a gain error: the reference does not drift away, and the weight is not thrown when the shut-off
+/// valve opens.
 #[test]
-fn a_late_hand_at_the_cock_of_a_rig_that_leaks_ends_in_no_fault() {
+fn a_shut_off_valve_that_is_operated_late_causes_no_fault() {
     for leak in [
         "",
         "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 1e-9\n",
@@ -197,14 +202,14 @@ fn a_late_hand_at_the_cock_of_a_rig_that_leaks_ends_in_no_fault() {
                 .iter()
                 .map(|tick| tick.contraction)
                 .fold(0.0, f64::max);
-            // What the sensor is wrong by, of a muscle that gives way by 3 % of its pressure.
+            // The limit of 0.3, and the contraction due to the gain error of 3 %.
             assert!(highest < 0.32, "{highest}");
         }
     }
 }
 
-/// Plays a drive on `rig` with the controller that is on the board, and somebody at the cock who is
-/// late by `shutoff_delay_s`.
+/// Plays a test signal on `rig` with the board's controller and a person who operates the shut-off
+/// valve late by `shutoff_delay_s`.
 fn played(rig: &Rig, drive: &Record, shutoff_delay_s: f64) -> (Settings, Vec<Tick>) {
     let player = Player::new(drive).expect("a drive");
     let board = SettingsValues {
@@ -230,10 +235,10 @@ fn played(rig: &Rig, drive: &Record, shutoff_delay_s: f64) -> (Settings, Vec<Tic
     (settings, ticks)
 }
 
-/// The whole experiment on the paper's rig: the controller that is on the board goes through all of
-/// it without a fault, and the valve gets what the file says.
+/// The default test signal on the paper's rig: the board's controller plays it without a fault, and
+/// the valve receives the pressures of the file.
 #[test]
-fn the_controller_plays_a_whole_experiment_without_a_fault() {
+fn the_controller_plays_the_default_test_signal_without_a_fault() {
     let rig = Rig::reference();
     let limits = Limits::of(&rig, 0.3).expect("limits");
     let drive = test_signal(&limits, &Part::DEFAULT).record;
@@ -242,17 +247,18 @@ fn the_controller_plays_a_whole_experiment_without_a_fault() {
         .iter()
         .position(|tick| tick.output.mode == Mode::Playing)
         .expect("it plays");
-    let asked_pa = drive.column(PRESSURE_REF_PA).expect("the column");
+    let requested_pa = drive.column(PRESSURE_REF_PA).expect("the column");
     let count_pa = 5e5 / 4095.0;
     let mut misses = 0;
-    for (tick, asked_pa) in ticks[begin..].iter().zip(asked_pa) {
-        let missed_pa = (tick.valve_reference.0 - asked_pa).abs();
-        misses += usize::from(missed_pa > count_pa);
+    for (tick, requested_pa) in ticks[begin..].iter().zip(requested_pa) {
+        let error_pa = (tick.valve_reference.0 - requested_pa).abs();
+        misses += usize::from(error_pa > count_pa);
     }
-    // The rate limit of the two is one; a noisy reading near the limit of travel may hold it back.
+    // Both have the same rate limit; a noisy reading near the limit of travel may delay the
+    // reference.
     assert!(
-        misses < asked_pa.len() / 1000,
+        misses < requested_pa.len() / 1000,
         "{misses} of {}",
-        asked_pa.len()
+        requested_pa.len()
     );
 }

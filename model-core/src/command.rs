@@ -4,6 +4,7 @@
 use crate::assist::reference_force_n;
 use crate::constants::TICK_S;
 use crate::io::Output;
+use crate::limits::EMPTIED_TICKS;
 use crate::number::{Number, limited};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
@@ -65,6 +66,9 @@ pub fn act(values: &SettingsValues, state: &mut State, target: &Target) -> Outpu
     } else {
         state.empty_ticks.saturating_add(1)
     };
+    if state.mode == Mode::Venting && state.empty_ticks >= EMPTIED_TICKS {
+        state.port_open = false;
+    }
     let pressure_ref = GaugePa(state.pressure_ref_pa);
     Output {
         valve: values.valve_drive.count(pressure_ref),
@@ -93,8 +97,9 @@ fn next_reference_pa(values: &SettingsValues, state: &mut State, target: &Target
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
         Mode::Venting => {
-            // A reference above what the muscle has reached lets nothing down. The higher of the
-            // measured and the expected pressure counts, as the sensor may have failed.
+            // The weight does not sink while the reference is above the pressure in the muscle. The
+            // higher of the measured and the expected pressure is used, as the sensor may have
+            // failed.
             let reached_pa = state.pressure.value().at_least(state.follower.slow_pa());
             let rate_pa_per_s = if now_pa > reached_pa {
                 rate_pa_per_s_max

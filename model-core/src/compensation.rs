@@ -1,4 +1,4 @@
-//! Compensation of effects that the paper's equations leave out. Off unless the settings switch it
+//! Compensation of effects that are not in the paper's equations. Off unless the settings switch it
 //! on.
 //!
 //! Before Eq 8, forces are added: to F_c those of friction and of another weight, and that of the
@@ -28,9 +28,9 @@ pub struct Compensation {
     pub hysteresis_reach: f32,
     /// Friction of the load \[N\].
     pub friction_n: f32,
-    /// Way from rest after which friction is complete: its smooth zero \[m\].
+    /// Presliding distance: travel after a reversal until friction has its full value \[m\].
     pub friction_reach_m: f32,
-    /// Mass of which the hand is to feel nothing; negative: of which it feels too little \[kg\].
+    /// Mass of the payload in addition to the nominal mass; may be negative \[kg\].
     pub payload_kg: f32,
     /// Largest force for the load, and for hysteresis \[N\].
     pub force_n_max: f32,
@@ -45,7 +45,7 @@ pub struct Compensation {
 }
 
 impl Compensation {
-    /// None.
+    /// No compensation.
     pub const OFF: Compensation = Compensation {
         hysteresis_area_m2: 0.0,
         hysteresis_reach: 0.0,
@@ -120,7 +120,7 @@ impl CompensationState {
             .dragged(contraction, friction_reach(values, muscle));
     }
 
-    /// Force that friction and payload take from the load \[N\], to add to F_c:
+    /// Force of friction and payload \[N\], to add to F_c:
     /// F_f s + M_p g, with s from −1 to 1 the direction.
     pub fn load_n(&self, values: &Compensation, muscle: &Muscle<f32>) -> f32 {
         let reach = friction_reach(values, muscle);
@@ -129,7 +129,7 @@ impl CompensationState {
         limited(friction_n + payload_n, values.force_n_max)
     }
 
-    /// Force that the muscle's hysteresis takes \[N\], to add to the force of Eq 8:
+    /// Force of the muscle's hysteresis \[N\], to add to the force of Eq 8:
     /// A P s, with s from −1 to 1 the mean stretch of the elements.
     pub fn hysteresis_n(&self, values: &Compensation, pressure: GaugePa<f32>) -> f32 {
         let mut sum = 0.0;
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn off_it_does_nothing() {
+    fn without_compensation_nothing_is_added() {
         let mut state = after(&Compensation::OFF, &[0.0, 0.2, 0.1]);
         assert_eq!(state.load_n(&Compensation::OFF, &MUSCLE), 0.0);
         assert_eq!(state.hysteresis_n(&Compensation::OFF, GaugePa(3e5)), 0.0);
@@ -222,7 +222,7 @@ mod tests {
     /// 6e-5 m² at 300 kPa are 18 N either way: complete after the reach from rest, reversed after
     /// twice the reach.
     #[test]
-    fn hysteresis_is_a_loop_that_closes() {
+    fn hysteresis_is_a_closed_loop() {
         assert!(close(hysteresis_n(&[0.0, 0.03]), 18.0));
         assert!(close(hysteresis_n(&[0.0, 0.2, 0.14]), -18.0));
         // A minor loop comes back to where it began.

@@ -4,10 +4,12 @@
 
 use crate::controller::{Control, Controller};
 use crate::io::{Output, Request, Sensors};
+use crate::lamp;
 use crate::limits::HIL_SILENCE_TICKS;
 use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
+use crate::stop::StopContacts;
 use crate::supervisor::Mode;
 use crate::timing::Timing;
 use crate::voted::Voted;
@@ -51,6 +53,8 @@ pub struct Pins {
     pub encoder: EncoderCount,
     /// The button.
     pub button_pressed: bool,
+    /// The two contacts of the emergency stop, or their wires, are open.
+    pub stop_open: [bool; 2],
 }
 
 /// Result of a tick.
@@ -58,6 +62,11 @@ pub struct Pins {
 pub struct Tick {
     /// The value for the valve's DAC.
     pub valve: DacCount,
+    /// Level for the valve in the muscle's port. It alternates from tick to tick while that valve
+    /// is to be open: neither level keeps it open.
+    pub port_pulse: bool,
+    /// The status lamp is lit.
+    pub lamp: bool,
     /// The muscle is or may be under pressure: settings must not change.
     pub armed: bool,
     /// Telemetry for the link.
@@ -71,6 +80,7 @@ pub struct Device<C = Controller> {
     /// A flipped bit must not put the valve to its safe voltage, which drops the weight.
     hil: Voted<Option<Hil>>,
     button: Button,
+    stop: StopContacts,
     tick: u32,
     /// The last tick's output.
     output: Output,
@@ -90,6 +100,7 @@ impl<C: Control> Device<C> {
             controller,
             hil: Voted::new(None),
             button: Button::default(),
+            stop: StopContacts::default(),
             tick: 0,
             output: Output::default(),
         }
@@ -114,13 +125,15 @@ impl<C: Control> Device<C> {
         commands: impl Iterator<Item = Command>,
     ) -> Tick {
         self.tick = self.tick.wrapping_add(1);
-        let mut request = self.button.request(pins.button_pressed, self.output.mode);
+        let pressed = self.button.request(pins.button_pressed, self.output.mode);
+        let stop = self.stop.request(pins.stop_open);
+        let mut request = if stop == Request::None { pressed } else { stop };
         let mut hil = *self.hil.get();
         let mut simulated = None;
         for command in commands {
             match command {
-                // Nothing that comes later overrules venting.
-                Command::Request(_) if request == Request::Vent => {}
+                // A later command overrides neither venting nor the emergency stop.
+                Command::Request(_) if stop != Request::None || request == Request::Vent => {}
                 Command::Request(asked) => request = asked,
                 Command::EnterHil => self.enter_hil(&mut hil),
                 Command::LeaveHil => self.leave_hil(&mut hil),
@@ -155,6 +168,8 @@ impl<C: Control> Device<C> {
             } else {
                 DacCount::default()
             },
+            port_pulse: source == Source::Pins && self.opens_port() && self.tick % 2 == 1,
+            lamp: lamp::is_lit(self.output.mode, self.output.fault, stop, self.tick),
             armed: self.is_armed(),
             telemetry,
         }
@@ -165,6 +180,10 @@ impl<C: Control> Device<C> {
         let state = self.controller.memory().state.get();
         let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
         moves || state.pressure_ref_pa > 0.0
+    }
+
+    fn opens_port(&self) -> bool {
+        self.controller.memory().state.get().port_open
     }
 
     fn enter_hil(&mut self, hil: &mut Option<Hil>) {
@@ -284,6 +303,7 @@ mod tests {
             pressure: AdcCount(410),
             encoder: EncoderCount(7),
             button_pressed: false,
+            stop_open: [false; 2],
         }
     }
 
@@ -318,14 +338,14 @@ mod tests {
     }
 
     #[test]
-    fn venting_is_not_overruled_within_a_tick() {
+    fn venting_is_not_overridden_within_a_tick() {
         let mut device = ready();
         let both = [Request::Vent, Request::Assist].map(Command::Request);
         assert_eq!(mode(&tick(&mut device, &resting(), &both)), Mode::Venting);
     }
 
     #[test]
-    fn button_assists_vents_and_resets_once_a_press() {
+    fn each_press_of_the_button_causes_one_request() {
         let mut device = ready();
         let pressed = Pins {
             button_pressed: true,
@@ -341,6 +361,18 @@ mod tests {
         press(Mode::Assisting);
         press(Mode::Venting);
         press(Mode::SelfCheck);
+    }
+
+    #[test]
+    fn contacts_that_bounce_do_not_press_the_button() {
+        let mut device = ready();
+        for n in 0..100 {
+            let bounces = Pins {
+                button_pressed: n % 3 != 0,
+                ..resting()
+            };
+            assert_eq!(mode(&tick(&mut device, &bounces, &[])), Mode::Ready);
+        }
     }
 
     #[test]
@@ -365,6 +397,134 @@ mod tests {
             seen = tick(&mut device, &pressed, &[]);
         }
         assert_eq!(mode(&seen), Mode::Venting);
+    }
+
+    #[test]
+    fn emergency_stop_lets_the_weight_down_and_nothing_overrules_it() {
+        let mut device = ready();
+        let assist = [Command::Request(Request::Assist)];
+        tick(&mut device, &resting(), &assist);
+        let stopped = Pins {
+            stop_open: [true; 2],
+            ..resting()
+        };
+        assert_eq!(mode(&tick(&mut device, &stopped, &[])), Mode::Assisting);
+        let seen = tick(&mut device, &stopped, &assist);
+        let output = seen.telemetry.output;
+        assert_eq!(
+            (output.mode, output.fault),
+            (Mode::Venting, Some(Fault::EmergencyStop))
+        );
+        // Neither a request nor the button resets it.
+        let reset = [Command::Request(Request::Reset)];
+        for _ in 0..200 {
+            let pressed = Pins {
+                button_pressed: true,
+                ..stopped
+            };
+            assert_eq!(mode(&tick(&mut device, &pressed, &reset)), Mode::Venting);
+        }
+        for _ in 0..60 {
+            tick(&mut device, &resting(), &reset);
+        }
+        assert_eq!(device.controller.state().mode, Mode::Ready);
+    }
+
+    #[test]
+    fn nothing_begins_while_the_emergency_stop_is_open() {
+        let stopped = Pins {
+            stop_open: [true; 2],
+            ..resting()
+        };
+        let mut device = ready();
+        tick(&mut device, &stopped, &[]);
+        for _ in 0..200 {
+            tick(&mut device, &stopped, &[Command::Request(Request::Assist)]);
+        }
+        let state = device.controller.state();
+        assert_eq!((state.mode, state.fault), (Mode::Ready, None));
+    }
+
+    #[test]
+    fn broken_wire_of_the_emergency_stop_is_told() {
+        for broken in 0..2 {
+            let mut device = ready();
+            let mut pins = resting();
+            pins.stop_open[broken] = true;
+            for _ in 0..60 {
+                tick(&mut device, &pins, &[]);
+            }
+            let fault = device.controller.state().fault;
+            assert_eq!(fault, Some(Fault::StopContactsDiffer));
+        }
+    }
+
+    /// Whether the level for the valve in the muscle's port changes from tick to tick: an edge in
+    /// each, or none.
+    fn pulses(device: &mut Device, pins: &Pins) -> bool {
+        let levels: Vec<bool> = (0..20)
+            .map(|_| tick(device, pins, &[]).port_pulse)
+            .collect();
+        let edges = levels.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(edges == 0 || edges == 19, "{levels:?}");
+        assert!(edges > 0 || !levels[0], "not pulsed is low");
+        edges > 0
+    }
+
+    #[test]
+    fn port_is_open_from_a_passed_self_check_until_the_muscle_is_empty() {
+        let mut device = Device::new(settings());
+        assert!(!pulses(&mut device, &resting()), "self-check");
+        for _ in 0..40 {
+            tick(&mut device, &resting(), &[]);
+        }
+        assert!(pulses(&mut device, &resting()), "ready");
+        tick(
+            &mut device,
+            &resting(),
+            &[Command::Request(Request::Assist)],
+        );
+        assert!(pulses(&mut device, &resting()), "assisting");
+        tick(&mut device, &resting(), &[Command::Request(Request::Vent)]);
+        assert!(pulses(&mut device, &resting()), "venting");
+        for _ in 0..600 {
+            tick(&mut device, &resting(), &[]);
+        }
+        assert!(!pulses(&mut device, &resting()), "empty");
+        tick(&mut device, &resting(), &[Command::EnterHil]);
+        assert!(!pulses(&mut device, &resting()), "hardware in the loop");
+    }
+
+    /// The valve at the muscle may be at its exhaust after a reset: opening the port drops the
+    /// weight.
+    #[test]
+    fn port_stays_closed_after_a_reset_with_air_in_the_muscle() {
+        let mut device = Device::new(settings());
+        let lifted = Pins {
+            pressure: AdcCount(2000),
+            ..resting()
+        };
+        for _ in 0..100 {
+            assert!(!pulses(&mut device, &lifted));
+        }
+        let fault = device.controller.state().fault;
+        assert_eq!(fault, Some(Fault::NotVented));
+    }
+
+    #[test]
+    fn port_closes_at_once_on_a_pressure_that_does_not_obey() {
+        let mut device = ready();
+        assert!(pulses(&mut device, &resting()));
+        let ajar = Pins {
+            pressure: AdcCount(700),
+            ..resting()
+        };
+        for _ in 0..10 {
+            tick(&mut device, &ajar, &[]);
+        }
+        let fault = device.controller.state().fault;
+        assert_eq!(fault, Some(Fault::Uncommanded));
+        assert!(!pulses(&mut device, &ajar));
     }
 
     #[test]

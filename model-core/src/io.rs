@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// A request of the person or the link.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Request {
-    /// Nothing: go on.
+    /// No request.
     #[default]
     None,
     /// Begin to assist, or resume.
@@ -23,9 +23,13 @@ pub enum Request {
     /// Bring the pressure to this value \[Pa\], as far as the settings allow: an experiment. To be
     /// repeated each tick or so.
     Play(u32),
+    /// The emergency stop is open: let the weight down, and begin nothing.
+    Stop,
+    /// The contacts of the emergency stop differ: one, or its wire, is broken.
+    StopContactsDiffer,
 }
 
-/// The word for this request in records; `Play(…)` contains its pressure \[Pa\].
+/// The name of this request in records; `Play(…)` contains its pressure \[Pa\].
 impl fmt::Display for Request {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
@@ -34,6 +38,8 @@ impl fmt::Display for Request {
             Request::Hold => "Hold",
             Request::Vent => "Vent",
             Request::Reset => "Reset",
+            Request::Stop => "Stop",
+            Request::StopContactsDiffer => "StopContactsDiffer",
             Request::Play(pressure_pa) => return write!(f, "Play({pressure_pa})"),
         })
     }
@@ -48,6 +54,8 @@ impl Request {
             "Hold" => Some(Request::Hold),
             "Vent" => Some(Request::Vent),
             "Reset" => Some(Request::Reset),
+            "Stop" => Some(Request::Stop),
+            "StopContactsDiffer" => Some(Request::StopContactsDiffer),
             other => {
                 let pressure_pa = other.strip_prefix("Play(")?.strip_suffix(')')?;
                 pressure_pa.parse().ok().map(Request::Play)
@@ -96,15 +104,17 @@ pub struct Output {
 mod tests {
     use super::*;
 
-    /// Records have these words: a variant may be renamed, its word may not.
+    /// Records contain these names: a variant may be renamed, its name may not.
     #[test]
-    fn words_of_requests_are_those_of_records() {
+    fn names_of_requests_are_those_of_records() {
         let words = [
             (Request::None, "None"),
             (Request::Assist, "Assist"),
             (Request::Hold, "Hold"),
             (Request::Vent, "Vent"),
             (Request::Reset, "Reset"),
+            (Request::Stop, "Stop"),
+            (Request::StopContactsDiffer, "StopContactsDiffer"),
             (Request::Play(0), "Play(0)"),
             (Request::Play(u32::MAX), "Play(4294967295)"),
         ];

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -183,7 +183,7 @@ pub enum Crash {
     Interrupt(i16),
 }
 
-/// What the firmware hands over to itself across a reset, as a frame.
+/// Data that the firmware keeps across a reset, as a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// For [`Identity::crash`].
@@ -391,7 +391,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bytes_come_back(bytes in vec(prop_oneof![Just(0_u8), any::<u8>()], 0..32)) {
+        fn any_bytes_are_recovered(bytes in vec(prop_oneof![Just(0_u8), any::<u8>()], 0..32)) {
             let mut decoder = Decoder::new();
             let mut array = [0; 32];
             array[..bytes.len()].copy_from_slice(&bytes);
@@ -404,9 +404,9 @@ mod tests {
             prop_assert_eq!(decoder.push::<[u8; 32]>(0), Some(Ok(array)));
         }
 
-        /// Whatever noise comes before, one zero puts the decoder right.
+        /// After any noise, one zero synchronises the decoder.
         #[test]
-        fn noise_then_a_frame(noise in vec(any::<u8>(), 0..600), message in command()) {
+        fn a_frame_arrives_after_noise(noise in vec(any::<u8>(), 0..600), message in command()) {
             let mut bytes = noise;
             bytes.push(0);
             let before = received(&bytes).len();
@@ -442,9 +442,9 @@ mod tests {
             prop_assert!(got.len() + 2 * damages.len() >= messages.len());
         }
 
-        /// Truncated anywhere and sent again: the second time it arrives.
+        /// A frame that is truncated anywhere and sent again arrives the second time.
         #[test]
-        fn unplugged_in_a_frame(message in command(), cut in any::<prop::sample::Index>()) {
+        fn a_truncated_frame_is_skipped(message in command(), cut in any::<prop::sample::Index>()) {
             let whole = frame(&message);
             let mut bytes = whole[..cut.index(whole.len())].to_vec();
             bytes.extend(&whole);

@@ -1,10 +1,10 @@
-//! Words for the values of an enum: what records, JSON and messages call them.
+//! Names of the values of an enum in records, JSON and messages.
 
-/// Gives an enum its words from one table: `name`, `from_name`, `NAMED` (the table itself) and
+/// Gives an enum its names from one table: `name`, `from_name`, `NAMED` (the table itself) and
 /// `Display`.
 ///
-/// The words are part of the record's format. They do not follow from the variants' identifiers, so
-/// that renaming a variant leaves files readable.
+/// The names are part of the record's format. They do not depend on the variants' identifiers, so
+/// that files stay readable if a variant is renamed.
 macro_rules! names {
     ($type:ident: $($name:literal = $value:path $(, $inner:path)?;)*) => {
         impl $type {
@@ -12,7 +12,7 @@ macro_rules! names {
             pub const NAMED: &'static [($type, &'static str)] =
                 &[$(($value $(($inner))?, $name)),*];
 
-            /// The word for this value in records.
+            /// The name of this value in records.
             pub fn name(self) -> &'static str {
                 match self {
                     $($value $(($inner))? => $name,)*

@@ -68,7 +68,7 @@ pub struct SensorMonitor {
     blind_ticks: f32,
     /// Implausible readings.
     suspects: BadTickCount,
-    /// There was a first reading.
+    /// Whether there was a reading.
     begun: bool,
 }
 

@@ -22,7 +22,7 @@ const CHECKSUM_LEN: usize = 4;
 /// Finest encoder that is accepted \[m\]: with a finer one noise would look like motion.
 const ENCODER_M_PER_COUNT_MIN: f32 = 1e-7;
 
-/// Whether it holds, the setting it is about, and what that must be.
+/// Whether the relation holds, its setting, and what the setting must be.
 type Relation = (bool, &'static str, &'static str);
 
 /// The values, not yet validated.
@@ -94,7 +94,7 @@ pub struct SettingsValues {
     pub self_check_ticks: u16,
     /// The self-check gives up after so many ticks.
     pub self_check_ticks_max: u16,
-    /// Compensation of effects that the paper's equations leave out.
+    /// Compensation of effects that are not in the paper's equations.
     pub compensation: Compensation,
 }
 

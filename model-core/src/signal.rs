@@ -70,7 +70,7 @@ impl AdcScale {
         (first.at_most(last), first.at_least(last))
     }
 
-    /// The count nearest to `value`, limited to the scale's ends.
+    /// The count nearest to `value`, limited to the scale.
     pub fn count(&self, value: f32) -> AdcCount {
         AdcCount(nearest(value / self.per_count + self.zero_count))
     }

@@ -1,4 +1,4 @@
-//! What a controller remembers from tick to tick, protected from flipped bits.
+//! The state of the controller between ticks, protected from flipped bits.
 
 use crate::compensation::CompensationState;
 use crate::consistency::{ForceBalance, PressureFollower};
@@ -10,7 +10,7 @@ use crate::supervisor::{Decision, Fault, Mode};
 use crate::voted::Voted;
 use serde::{Deserialize, Serialize};
 
-/// What a controller remembers from tick to tick.
+/// The state of the controller between ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// The mode.
@@ -21,6 +21,8 @@ pub struct State {
     pub fault: Option<Fault>,
     /// Ticks for which the valve has been vented; the count saturates.
     pub empty_ticks: u16,
+    /// The valve in the muscle's port is open; see [`State::apply`].
+    pub port_open: bool,
     /// P_r \[Pa\] as commanded by the last tick.
     pub pressure_ref_pa: f32,
     /// The reference has met the assist law: from then on it may move fast.
@@ -61,6 +63,12 @@ pub struct State {
 
 impl State {
     /// Carries out `decision`: begins another mode, or counts one more tick of this one.
+    ///
+    /// A valve in the muscle's port that is closed by a spring keeps the air in the muscle, and so
+    /// the weight where it is. It is open from a passed self-check on, and until the muscle is
+    /// empty again. After a reset it stays closed: what the muscle then contains is unknown, and
+    /// with the valve at its exhaust it would drop the weight. It closes at once if the pressure
+    /// does not obey the valve.
     pub fn apply(&mut self, values: &SettingsValues, decision: Decision) {
         match decision {
             Decision::Stay => self.mode_ticks = self.mode_ticks.saturating_add(1),
@@ -71,6 +79,9 @@ impl State {
             }
             Decision::Fail(fault) => {
                 self.fault = Some(fault);
+                if matches!(fault, Fault::PressureControl | Fault::Uncommanded) {
+                    self.port_open = false;
+                }
                 if self.mode != Mode::Venting {
                     self.enter(values, Mode::Venting);
                 }
@@ -82,6 +93,7 @@ impl State {
     fn enter(&mut self, values: &SettingsValues, mode: Mode) {
         match (self.mode, mode) {
             (Mode::SelfCheck, Mode::Ready) => {
+                self.port_open = true;
                 self.tare_n = self.window_sum_n / self.window_ticks.max(1) as f32;
             }
             // From the measured pressure on, slowly until the assist law is met.
@@ -123,7 +135,7 @@ pub struct Memory {
     pub state: Voted<State>,
 }
 
-/// What a tick reads from [`Memory`].
+/// The content of [`Memory`], as a tick reads it.
 #[derive(Clone, Copy, Debug)]
 pub struct Recalled {
     /// The settings' values.
@@ -171,5 +183,58 @@ impl Memory {
     /// Returns to the state at power-on, with the same settings.
     pub fn restart(&mut self) {
         self.store(*self.settings.get(), State::default());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn assisting() -> Memory {
+        let settings = Settings::new(SettingsValues::reference()).unwrap();
+        let mut memory = Memory::new(settings);
+        let state = State {
+            mode: Mode::Assisting,
+            pressure_ref_pa: 2e5,
+            ..State::default()
+        };
+        memory.store(*settings.values(), state);
+        memory
+    }
+
+    #[test]
+    fn one_flipped_copy_is_outvoted_and_told() {
+        let intact = assisting();
+        assert!(!intact.recall().damaged);
+        for copy in 0..3 {
+            let mut memory = intact;
+            memory.state.copies_mut()[copy].mode = Mode::Ready;
+            let recalled = memory.recall();
+            assert_eq!(recalled.state, *intact.state.get());
+            assert!(recalled.damaged);
+            let mut memory = intact;
+            memory.settings.copies_mut()[copy].gain = 1e3;
+            let recalled = memory.recall();
+            assert_eq!(recalled.values, *intact.settings.get());
+            assert!(recalled.damaged);
+        }
+    }
+
+    #[test]
+    fn memory_without_a_majority_is_that_of_a_controller_that_vents() {
+        let venting = State {
+            mode: Mode::Venting,
+            ..State::default()
+        };
+        let mut memory = assisting();
+        memory.state.copies_mut()[0].pressure_ref_pa = 1e5;
+        memory.state.copies_mut()[1].pressure_ref_pa = 3e5;
+        let recalled = memory.recall();
+        assert_eq!((recalled.state, recalled.damaged), (venting, true));
+        let mut memory = assisting();
+        memory.settings.copies_mut()[0].gain = 1.0;
+        memory.settings.copies_mut()[1].gain = 2.0;
+        let recalled = memory.recall();
+        assert_eq!((recalled.state, recalled.damaged), (venting, true));
     }
 }

@@ -14,7 +14,7 @@
 //!
 //! A fault is latched with its reason until it is reset, also while venting on request. Of several
 //! faults the first one is latched. Venting lowers the reference at a limited rate, so that the
-//! weight is let down and not dropped.
+//! weight is let down and not dropped. The emergency stop lets it down, too: at once it would drop.
 
 use crate::io::Request;
 use crate::limits::PLAY_SILENCE_TICKS;
@@ -54,7 +54,7 @@ pub enum Fault {
     OverPressure,
     /// The contraction is above its trip level.
     OverContraction,
-    /// Too many ticks in a row did not happen.
+    /// Too many consecutive ticks were missed.
     MissedTicks,
     /// At start, the lever was loaded.
     LoadedLever,
@@ -70,8 +70,12 @@ pub enum Fault {
     ForceBalance,
     /// The weight is faster than the reference may move it.
     OverSpeed,
-    /// The controller's memory has changed by itself.
+    /// A bit of the controller's memory has flipped.
     Memory,
+    /// The emergency stop was pressed.
+    EmergencyStop,
+    /// The contacts of the emergency stop differ: one of them, or its wire, is broken.
+    StopContactsDiffer,
 }
 
 names! { Mode:
@@ -104,6 +108,8 @@ names! { Fault:
     "ForceBalance" = Fault::ForceBalance;
     "OverSpeed" = Fault::OverSpeed;
     "Memory" = Fault::Memory;
+    "EmergencyStop" = Fault::EmergencyStop;
+    "StopContactsDiffer" = Fault::StopContactsDiffer;
 }
 
 /// What the analysis of a tick's sensors has found: all that [`decide`] needs.
@@ -167,7 +173,7 @@ pub enum Decision {
 
 impl Findings {
     /// The fault to be latched; the first in this order if there are several.
-    fn fault(&self) -> Option<Fault> {
+    fn fault(&self, mode: Mode) -> Option<Fault> {
         if self.memory_damaged {
             return Some(Fault::Memory);
         }
@@ -178,6 +184,11 @@ impl Findings {
             _ => {}
         }
         let faults = [
+            (self.stops(mode), Fault::EmergencyStop),
+            (
+                self.request == Request::StopContactsDiffer,
+                Fault::StopContactsDiffer,
+            ),
             (self.over_pressure, Fault::OverPressure),
             (self.over_contraction, Fault::OverContraction),
             (self.ticks_missed, Fault::MissedTicks),
@@ -191,6 +202,12 @@ impl Findings {
             .find_map(|(is_found, fault)| is_found.then_some(fault))
     }
 
+    /// The emergency stop ends what it is for; elsewhere it only prevents a beginning.
+    fn stops(&self, mode: Mode) -> bool {
+        let acts = matches!(mode, Mode::Assisting | Mode::Holding | Mode::Playing);
+        acts && self.request == Request::Stop
+    }
+
     fn suspect(&self) -> bool {
         [self.bridge, self.pressure, self.encoder].contains(&SensorStatus::Suspect)
     }
@@ -198,7 +215,7 @@ impl Findings {
 
 /// What follows from `findings` in `mode`.
 pub fn decide(values: &SettingsValues, mode: Mode, findings: &Findings) -> Decision {
-    if let Some(fault) = findings.fault()
+    if let Some(fault) = findings.fault(mode)
         && !findings.latched
     {
         return Decision::Fail(fault);
@@ -279,9 +296,50 @@ fn from_venting(findings: &Findings) -> Decision {
 mod tests {
     use super::*;
 
-    /// Records have these words: a variant may be renamed, its word may not.
+    const CALM: Findings = Findings {
+        bridge: SensorStatus::Good,
+        pressure: SensorStatus::Good,
+        encoder: SensorStatus::Good,
+        contraction: 0.0,
+        request: Request::None,
+        vented: true,
+        unready: None,
+        mode_ticks: 0,
+        window_ticks: 0,
+        silent_ticks: 0,
+        awaits_reading: false,
+        latched: false,
+        memory_damaged: false,
+        over_pressure: false,
+        over_contraction: false,
+        ticks_missed: false,
+        uncommanded: false,
+        pressure_astray: false,
+        too_fast: false,
+        force_astray: false,
+    };
+
     #[test]
-    fn words_of_modes_and_faults_are_those_of_records() {
+    fn emergency_stop_ends_every_mode_that_moves_and_changes_no_other() {
+        let stopped = Findings {
+            request: Request::Stop,
+            ..CALM
+        };
+        let values = SettingsValues::reference();
+        for (mode, _) in Mode::NAMED {
+            let expected = match mode {
+                Mode::Assisting | Mode::Holding | Mode::Playing => {
+                    Decision::Fail(Fault::EmergencyStop)
+                }
+                Mode::SelfCheck | Mode::Ready | Mode::Venting => Decision::Stay,
+            };
+            assert_eq!(decide(&values, *mode, &stopped), expected, "{mode:?}");
+        }
+    }
+
+    /// Records contain these names: a variant may be renamed, its name may not.
+    #[test]
+    fn names_of_modes_and_faults_are_those_of_records() {
         let modes = "SelfCheck Ready Assisting Holding Venting Playing";
         assert!(
             modes
@@ -292,7 +350,8 @@ mod tests {
                       Pressure(Range) Pressure(Step) Pressure(Stuck) \
                       Encoder(Range) Encoder(Step) Encoder(Stuck) \
                       OverPressure OverContraction MissedTicks LoadedLever NotVented NotStill \
-                      Uncommanded PressureControl ForceBalance OverSpeed Memory";
+                      Uncommanded PressureControl ForceBalance OverSpeed Memory EmergencyStop \
+                      StopContactsDiffer";
         assert!(
             faults
                 .split(' ')

@@ -1,4 +1,4 @@
-//! Memory that survives a flipped bit: three copies, of which the value that two agree on is used.
+//! Memory that tolerates a flipped bit: three copies with a majority vote.
 
 /// A value in three copies.
 #[derive(Clone, Copy, Debug, PartialEq)]

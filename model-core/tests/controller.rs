@@ -688,7 +688,7 @@ fn a_pressure_sensor_that_falls_does_not_drop_the_weight() {
 }
 
 /// Settings with which the reference engages at 500 Pa a tick.
-fn that_engage_slowly() -> SettingsValues {
+fn values_with_slow_engagement() -> SettingsValues {
     SettingsValues {
         engage_rate_pa_per_s: 5e4,
         ..SettingsValues::reference()
@@ -697,7 +697,7 @@ fn that_engage_slowly() -> SettingsValues {
 
 #[test]
 fn the_reference_is_slow_until_it_has_met_the_law_and_after_a_hold() {
-    let mut bench = ready(that_engage_slowly());
+    let mut bench = ready(values_with_slow_engagement());
     bench.request = Request::Assist;
     let mut last_pa = bench.tick().pressure_ref.0;
     for _ in 0..200 {
@@ -716,7 +716,7 @@ fn the_reference_is_slow_until_it_has_met_the_law_and_after_a_hold() {
 
 #[test]
 fn the_reference_is_fast_again_after_a_bridged_reading() {
-    let mut bench = ready(that_engage_slowly());
+    let mut bench = ready(values_with_slow_engagement());
     bench.request = Request::Assist;
     for _ in 0..200 {
         bench.tick_in_balance();
@@ -731,7 +731,7 @@ fn the_reference_is_fast_again_after_a_bridged_reading() {
     assert!(resumed_pa > 1e3, "{resumed_pa}");
 }
 
-/// At the vent rate a tick takes 2 kPa.
+/// At the vent rate the reference falls by 2 kPa per tick.
 #[test]
 fn venting_is_slow_only_for_pressure_that_the_muscle_may_have() {
     let mut bench = ready(values_with_experiment());
@@ -748,7 +748,7 @@ fn venting_is_slow_only_for_pressure_that_the_muscle_may_have() {
         "the muscle does not have it yet: {fall_pa}"
     );
 
-    // A sensor that reads less does not prove that the muscle has less.
+    // A lower reading does not imply a lower pressure in the muscle.
     let mut bench = lifted();
     for _ in 0..200 {
         bench.tick_in_balance();
@@ -795,8 +795,8 @@ fn a_board_is_armed_until_its_reference_is_zero() {
     assert!(!venting.armed);
 }
 
-/// A heavy weight that swings by 3 mm at 4 Hz: its acceleration alone is five times the largest
-/// error. `missing` tells which ticks did not happen.
+/// A heavy weight that oscillates by 3 mm at 4 Hz: the force of its acceleration is five times the
+/// tolerance. `missing` gives the missed ticks.
 fn balance_of_a_swing(missing: fn(u32) -> bool) -> bool {
     let values = SettingsValues {
         load_kg: 300.0,
@@ -897,7 +897,7 @@ fn a_pressure_beyond_its_reference_is_a_fault() {
 }
 
 #[test]
-fn a_slow_valve_is_no_fault() {
+fn a_slow_valve_is_not_a_fault() {
     let mut bench = ready(values_with_experiment());
     let mut furthest_pa = 0.0_f32;
     for pressure_pa in [350_000, 100_000] {
@@ -924,7 +924,7 @@ fn an_encoder_that_stands_still_while_the_pressure_falls_is_a_fault() {
     );
 }
 
-/// The encoder stands still, too, but a pressure that is not where it should be proves nothing.
+/// The encoder is constant, too, but with a wrong pressure that does not indicate its failure.
 #[test]
 fn a_pressure_that_falls_at_once_is_not_blamed_on_the_encoder() {
     let found = fault_of(&mut lifted(), |bench| bench.pressure_pa = 6e4);
@@ -1029,7 +1029,7 @@ fn a_lever_that_is_pushed_down_disturbs_the_self_check() {
     assert_eq!(found, Some(Fault::LoadedLever));
 }
 
-/// A reading that is suspect again and again, though never long enough to be a fault.
+/// A reading that is repeatedly suspect, but never long enough to be a fault.
 #[test]
 fn the_self_check_does_not_pass_on_suspect_readings() {
     let mut bench = Bench::new();

@@ -1,4 +1,4 @@
-//! The paper's equations against numbers worked out by hand, and their properties.
+//! Tests of the paper's equations: values computed by hand, and properties.
 
 use model_core::assist::{Assist, reference_force_n};
 use model_core::muscle::{Muscle, Volume};

@@ -1,4 +1,4 @@
-//! What the cross-crate tests share: rigs that differ from the reference one in a single thing.
+//! Helpers of the tests across crates: rigs that differ from the reference rig in one part.
 
 use hil_sim::rig::Rig;
 use muscle_plant::nominal::{Gas, Load, Weight};

@@ -16,20 +16,20 @@ const GAMMA_N: f64 = -100.0;
 const FORCE_NOISE_N: f64 = 1.0;
 const PRESSURE_NOISE_PA: f64 = 200.0;
 
-/// What the bench does beside Eq 1.
+/// Deviations of the bench from Eq 1.
 #[derive(Clone, Copy, Default)]
 struct Bench {
     dead_pa: f64,
     lag_s: f64,
-    /// The load cell ends here, if anywhere \[N\].
+    /// Upper limit of the load cell, if any \[N\].
     most_n: Option<f64>,
 }
 
-/// How it was sampled, and what the pressure does.
+/// Sampling and pressure of a run.
 #[derive(Clone, Copy)]
 struct Run {
     period_s: f64,
-    /// By which share of the period a sample may be early or late.
+    /// Largest jitter of a sample as a share of the period.
     uneven: f64,
     length_s: f64,
     steps: bool,
@@ -39,7 +39,7 @@ struct Run {
 
 const LEVELS_PA: [f64; 8] = [0.0, 2e5, 4.5e5, 3e5, 5e5, 1e5, 3.5e5, 0.5e5];
 
-/// Steps of a second that a valve rounds, or a triangle.
+/// Steps of one second with the lag of a valve, or a triangle.
 fn pressure_pa(run: &Run, time_s: f64) -> f64 {
     if !run.steps {
         let share = 2.0 * time_s / run.length_s;
@@ -92,7 +92,7 @@ fn record(bench: Bench, run: Run) -> Record {
     record
 }
 
-/// Eq 1 with values that are off by 3, −2 and 4 %, known to `sigma`.
+/// Eq 1 with values that are wrong by 3, −2 and 4 %, and tolerances of `sigma`.
 fn rig(sigma: f64) -> Rig {
     let text = format!(
         "schema = 1\n[muscle]\nalpha_m2 = {:?}\nbeta_m2 = {:?}\ngamma_n = {:?}\n\
@@ -110,9 +110,9 @@ fn diagnosed(bench: Bench, run: Run, sigma: f64) -> Diagnosis {
     diagnosed_as(bench, run, sigma, |record| record)
 }
 
-/// The same from records as `seen`.
+/// The same from records changed by `seen`.
 fn diagnosed_as(bench: Bench, run: Run, sigma: f64, seen: fn(Record) -> Record) -> Diagnosis {
-    // The program is not optimised here: few effects, one or two of each kind.
+    // Without optimisation the complete catalogue would take too long.
     const FEW: [&str; 6] = [
         "hysteresis",
         "backlash",
@@ -158,9 +158,9 @@ fn names(diagnosis: &Diagnosis) -> Vec<&str> {
     diagnosis.effects.iter().map(|effect| effect.name).collect()
 }
 
-/// A cell without a sample, and what the valve was told where the rig has none.
+/// A cell without a sample, and a reference pressure although the rig has no valve.
 #[test]
-fn what_is_missing_or_not_needed_does_no_harm() {
+fn missing_samples_and_unused_columns_do_not_change_the_result() {
     let seen = |mut record: Record| {
         let pressure_pa = record.require(PRESSURE_PA).expect("a column").to_vec();
         record.set(PRESSURE_REF_PA, pressure_pa);
@@ -199,7 +199,7 @@ fn a_dead_band_is_found_at_any_rate_in_steps_and_ramps() {
 }
 
 #[test]
-fn an_unknown_force_law_alone_is_calibrated_and_nothing_is_named() {
+fn a_force_law_within_its_tolerance_is_calibrated_without_an_effect() {
     for run in [UNEVEN_1_KHZ, RAMPS_10_HZ] {
         let diagnosis = diagnosed(Bench::default(), run, 0.5);
         assert_eq!(
@@ -214,7 +214,7 @@ fn an_unknown_force_law_alone_is_calibrated_and_nothing_is_named() {
 }
 
 #[test]
-fn a_force_behind_its_pressure_is_the_hose_and_no_hysteresis() {
+fn a_force_that_lags_its_pressure_is_line_dynamics_and_not_hysteresis() {
     let bench = Bench {
         lag_s: 0.02,
         ..Bench::default()
@@ -227,7 +227,7 @@ fn a_force_behind_its_pressure_is_the_hose_and_no_hysteresis() {
 }
 
 #[test]
-fn a_load_cell_at_its_end_bends_no_force_law() {
+fn a_saturated_load_cell_does_not_change_the_force_law() {
     let bench = Bench {
         most_n: Some(700.0),
         ..Bench::default()
@@ -245,7 +245,7 @@ fn a_load_cell_at_its_end_bends_no_force_law() {
 }
 
 #[test]
-fn a_clock_that_is_rounded_may_repeat_itself_now_and_then() {
+fn a_rounded_clock_may_repeat_a_time_occasionally() {
     let file = |repeated: &[usize]| {
         let mut text = String::from("time_s,pressure_pa\n");
         for row in 0..200 {
@@ -264,7 +264,7 @@ fn a_clock_that_is_rounded_may_repeat_itself_now_and_then() {
     for often in [&[17, 50, 80][..], &[199]] {
         let why = file(often).expect_err("a clock that stands").to_string();
         assert!(
-            why.contains("a.csv:") && why.contains("`hil-sim import` mends"),
+            why.contains("a.csv:") && why.contains("`hil-sim import` corrects"),
             "{why}"
         );
     }

@@ -1,7 +1,7 @@
 //! The errata of docs/errata.md: our reading gives the paper's result, the printed form does not.
 //!
-//! What the conservation laws in plant_physics.rs and the equations by hand in model-core already
-//! show is not repeated here; the errata page names those tests.
+//! Errata that plant_physics.rs and the tests of model-core already cover are not repeated here;
+//! the errata page names those tests.
 
 use hil_sim::design::{self, Linearisation};
 use hil_sim::paper::{VALVE_A_FLOW_GAIN_KG_PER_PA_S, VALVE_B_FLOW_GAIN_KG_PER_PA_S};
@@ -12,6 +12,7 @@ use model_core::constants::TICK_S;
 use model_core::pressure::GaugePa;
 use model_core::reference::reference_pressure;
 use model_core::settings::{Settings, SettingsValues};
+use muscle_plant::nominal::Gas;
 use muscle_plant::simulation::{Drive, PRESSURE, Simulated};
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::gas::HEAT_RATIO;
@@ -35,7 +36,7 @@ fn begin(rig: &Rig, what: Simulated, contraction: f64, pressure: GaugePa<f64>) -
         contraction,
         contraction_rate_per_s: 0.0,
         pressure,
-        temperature_k: 293.0,
+        temperature_k: Gas::STANDARD.ambient_temperature_k,
     };
     Simulation::new(plant, &initial, &Drive::default(), 1e-9)
 }
@@ -90,8 +91,8 @@ fn closed_vented_muscle_resists_compression() {
     );
 }
 
-/// Turning points of a weight let go 0.001 above its equilibrium at Fig 7's pressure, which is
-/// held: when \[s\] and where \[-\], seen from the equilibrium. Friction is viscous only.
+/// Turning points of a weight released 0.001 above its equilibrium, at the constant pressure of
+/// Fig 7: times \[s\] and deviations from the equilibrium \[-\]. Friction is viscous only.
 fn turning_points() -> Vec<(f64, f64)> {
     let mut rig = Rig::reference();
     weight_mut(&mut rig).coulomb_friction_n = 0.0;
@@ -204,7 +205,7 @@ fn reference_pressure_is_limited_where_the_print_is_singular() {
         |contraction: f64| (force_n - muscle.gamma_n) / muscle.force_per_pressure_m2(contraction);
     let singular = 1.0 - (-muscle.beta_m2 / muscle.alpha_m2).sqrt();
     assert!((singular - 0.393).abs() < 5e-4, "{singular}");
-    // The print asks for hundreds of megapascals, and a hair further for suction.
+    // The printed form gives hundreds of megapascals, and slightly further a negative pressure.
     assert!(printed(singular - 1e-4) > 1e8 && printed(singular + 1e-4) < -1e8);
     let values = SettingsValues::reference();
     let contraction_max = values.contraction_max.into();
@@ -215,7 +216,7 @@ fn reference_pressure_is_limited_where_the_print_is_singular() {
         // As at the limit of contraction, where it is the supply.
         assert_eq!(limited(force_n, contraction), supply);
     }
-    // A push asks for suction: the muscle is vented.
+    // A negative force would need a negative pressure: the muscle is vented.
     assert_eq!(limited(-250.0, 0.2), GaugePa(0.0));
     // A controller that could come near the singularity cannot be built.
     let near = SettingsValues {

@@ -1,4 +1,4 @@
-//! What fuzzing has found worth keeping: tests/fuzz/seeds, a folder a target.
+//! The seeds of the fuzzer, tests/fuzz/seeds: one folder per target.
 
 #[path = "../fuzz/src/targets.rs"]
 mod targets;
@@ -7,7 +7,7 @@ use std::fs::read_dir;
 use std::path::Path;
 
 #[test]
-fn every_seed_of_every_target_holds() {
+fn no_seed_violates_a_property_of_its_target() {
     let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds");
     let mut ran = Vec::new();
     for folder in read_dir(seeds).expect("seeds") {

@@ -1,9 +1,10 @@
-//! The plant against what nobody can argue with: conservation laws and analytic solutions.
+//! Tests of the plant against conservation laws and analytic solutions.
 
 use hil_sim::design;
 use hil_sim::rig::Rig;
 use integration_tests::{adiabatic, gas_mut, weight_mut, with_flow_gain};
 use model_core::pressure::GaugePa;
+use muscle_plant::nominal::Gas;
 use muscle_plant::simulation::{Drive, Simulated};
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::gas::{
@@ -14,6 +15,8 @@ use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, Motion};
 use nalgebra::{Complex, Matrix4, Vector4};
 
 const TOLERANCE: f64 = 1e-9;
+/// Temperature of the air around the reference rig.
+const AIR_K: f64 = Gas::STANDARD.ambient_temperature_k;
 const R: f64 = GAS_CONSTANT_J_PER_KG_K;
 const CV: f64 = HEAT_CONSTANT_VOLUME_J_PER_KG_K;
 const CP: f64 = HEAT_CONSTANT_PRESSURE_J_PER_KG_K;
@@ -66,7 +69,7 @@ fn squeeze(simulation: &mut Simulation, rate_per_s: f64, duration_s: f64) {
 #[test]
 fn closed_adiabatic_muscle_keeps_its_mass_and_its_isentrope() {
     let rig = adiabatic(with_flow_gain(0.0));
-    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, AIR_K), TOLERANCE);
     let (pressure_pa, volume_m3, mass_kg, _) = gas_of(&simulation);
     let isentrope = pressure_pa * volume_m3.powf(HEAT_RATIO);
     for rate_per_s in [0.4, -0.2, 0.8, -0.7] {
@@ -80,7 +83,7 @@ fn closed_adiabatic_muscle_keeps_its_mass_and_its_isentrope() {
 }
 
 #[test]
-fn a_shut_cock_keeps_the_air_in_whatever_the_valve_does() {
+fn a_shut_shut_off_valve_keeps_the_mass_in_the_muscle() {
     let effects = [
         "",
         "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = 0.05\n",
@@ -91,7 +94,7 @@ fn a_shut_cock_keeps_the_air_in_whatever_the_valve_does() {
     for effect in effects {
         let text = format!("{}{effect}", Rig::REFERENCE_TOML);
         let rig = Rig::parse("rig.toml", &text).expect("a rig");
-        let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), TOLERANCE);
+        let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, AIR_K), TOLERANCE);
         let (.., mass_kg, _) = gas_of(&simulation);
         let mut drive = Drive {
             shut: true,
@@ -111,7 +114,7 @@ fn a_shut_cock_keeps_the_air_in_whatever_the_valve_does() {
     }
 }
 
-/// Rocked by a muscle that moves, too: what leaks only outward would be pumped empty.
+/// Also while the contraction oscillates: a leak without inflow would evacuate the muscle.
 #[test]
 fn a_shut_muscle_that_leaks_ends_at_the_atmosphere_from_either_side() {
     for form in ["linear", "orifice", "power"] {
@@ -123,7 +126,7 @@ fn a_shut_muscle_that_leaks_ends_at_the_atmosphere_from_either_side() {
                 Rig::REFERENCE_TOML
             );
             let rig = Rig::parse("rig.toml", &text).expect("a rig");
-            let initial = at(0.05, begin_pa, 293.0);
+            let initial = at(0.05, begin_pa, AIR_K);
             let mut simulation = begin(&rig, Simulated::GAS_ONLY, initial, TOLERANCE);
             for second in 0..20 {
                 let rate_per_s = if second % 2 == 0 { 1e-3 } else { -1e-3 };
@@ -149,7 +152,7 @@ fn closed_muscle_with_a_perfect_wall_is_isothermal() {
     let mut rig = with_flow_gain(0.0);
     gas_mut(&mut rig).heat_transfer_charging_w_per_m2_k = 1e6;
     gas_mut(&mut rig).heat_transfer_discharging_w_per_m2_k = 1e6;
-    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, 293.0), 1e-8);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.05, 3e5, AIR_K), 1e-8);
     let (pressure_pa, volume_m3, ..) = gas_of(&simulation);
     squeeze(&mut simulation, 0.02, 5.0);
     let (pressure_now_pa, volume_now_m3, ..) = gas_of(&simulation);
@@ -158,8 +161,8 @@ fn closed_muscle_with_a_perfect_wall_is_isothermal() {
     assert!((constant - 1.0).abs() < 2e-6, "{constant}");
 }
 
-/// Everything at once: valve working, wall conducting, muscle moving. What the balance needs is
-/// integrated from the trajectory by Simpson's rule, outside the plant.
+/// With flow through the valve, heat exchange and motion at the same time. The terms of the balance
+/// are integrated from the trajectory by Simpson's rule, independently of the plant.
 #[test]
 fn closed_valve_energy_balance() {
     for flow_gain in [0.0, 6.1e-9] {
@@ -184,9 +187,9 @@ fn closed_valve_energy_balance() {
             };
             let length_m = 0.3 * (1.0 - simulation.contraction());
             let area_m2 = 2.0 * (std::f64::consts::PI * volume_m3 * length_m).sqrt();
-            let heat_w = coefficient * area_m2 * (293.0 - simulation.temperature_k());
+            let heat_w = coefficient * area_m2 * (AIR_K - simulation.temperature_k());
             let work_w = absolute_pa * volume.slope_m3(simulation.contraction()) * rate_per_s;
-            (flow_kg_per_s, CP * flow_kg_per_s * 293.0 - work_w + heat_w)
+            (flow_kg_per_s, CP * flow_kg_per_s * AIR_K - work_w + heat_w)
         };
         let (mut inflow_kg, mut gain_j) = (0.0, 0.0);
         let step_s = 1e-3;
@@ -214,16 +217,16 @@ fn closed_valve_energy_balance() {
 
 #[test]
 fn discharge_enthalpy_leaves_at_muscle_temperature() {
-    // What stays in a venting vessel without heat exchange expands isentropically. Eq 4 as printed
+    // The gas that remains in a venting adiabatic vessel expands isentropically. Eq 4 as printed
     // (outflow at ambient temperature) would miss this by tens of kelvin.
     let rig = adiabatic(with_flow_gain(1.3e-7));
-    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 4e5, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 4e5, AIR_K), TOLERANCE);
     let (pressure_pa, ..) = gas_of(&simulation);
     simulation
         .advance(&reference(0.5e5), 0.05)
         .expect("a solution");
     let (pressure_now_pa, ..) = gas_of(&simulation);
-    let expected_k = 293.0 * (pressure_now_pa / pressure_pa).powf((HEAT_RATIO - 1.0) / HEAT_RATIO);
+    let expected_k = AIR_K * (pressure_now_pa / pressure_pa).powf((HEAT_RATIO - 1.0) / HEAT_RATIO);
     assert!(expected_k < 220.0, "a strong expansion");
     assert!((simulation.temperature_k() - expected_k).abs() < 1e-4);
 }
@@ -231,13 +234,13 @@ fn discharge_enthalpy_leaves_at_muscle_temperature() {
 #[test]
 fn charging_enthalpy_comes_at_ambient_temperature() {
     let rig = adiabatic(with_flow_gain(1.3e-7));
-    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 0.0, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::GAS_ONLY, at(0.2, 0.0, AIR_K), TOLERANCE);
     let (.., mass_kg, energy_j) = gas_of(&simulation);
     simulation
         .advance(&reference(4e5), 0.05)
         .expect("a solution");
     let (.., mass_now_kg, energy_now_j) = gas_of(&simulation);
-    let brought_j = CP * 293.0 * (mass_now_kg - mass_kg);
+    let brought_j = CP * AIR_K * (mass_now_kg - mass_kg);
     assert!((energy_now_j - energy_j - brought_j).abs() < 1e-7 * energy_now_j);
 }
 
@@ -251,7 +254,7 @@ fn hot_gas_cools() {
     simulation
         .advance(&reference(0.0), 0.4)
         .expect("a solution");
-    let expected_k = 293.0 + 107.0 * (-80.0 * area_m2 * 0.4 / (mass_kg * CV)).exp();
+    let expected_k = AIR_K + (400.0 - AIR_K) * (-80.0 * area_m2 * 0.4 / (mass_kg * CV)).exp();
     assert!((simulation.temperature_k() - expected_k).abs() < 1e-4);
 }
 
@@ -273,7 +276,7 @@ fn pressure_ramp(rate_pa_per_s: f64) -> Drive {
 fn weight_at_rest_stays_exactly_until_static_friction_is_exceeded() {
     let rig = Rig::reference();
     for (friction_n, motion) in [(7.0, Motion::Rising), (-7.0, Motion::Falling)] {
-        let initial = at(0.15, carrying(0.15, 0.0), 293.0);
+        let initial = at(0.15, carrying(0.15, 0.0), AIR_K);
         let mut simulation = begin(&rig, Simulated::LOAD_ONLY, initial, TOLERANCE);
         let rate_pa_per_s = 1e4 * f64::signum(friction_n);
         let breaks_s = (carrying(0.15, friction_n) - initial.pressure.0) / rate_pa_per_s;
@@ -288,7 +291,7 @@ fn weight_at_rest_stays_exactly_until_static_friction_is_exceeded() {
             .advance(&drive, breaks_s + 1e-6)
             .expect("a solution");
         assert_eq!(simulation.motion(), motion);
-        // From then on only Coulomb friction holds: 2.5 N are free at once.
+        // From then on only Coulomb friction acts: 2.5 N accelerate the weight.
         let rate_per_s = 1e-6 * 2.5 / (12.0 * 0.3) * friction_n.signum();
         assert!((simulation.contraction_rate_per_s() / rate_per_s - 1.0).abs() < 1e-2);
     }
@@ -297,7 +300,7 @@ fn weight_at_rest_stays_exactly_until_static_friction_is_exceeded() {
 #[test]
 fn falling_weight_meets_the_stop_without_a_bounce() {
     let rig = Rig::reference();
-    let mut simulation = begin(&rig, Simulated::LOAD_ONLY, at(0.05, 0.0, 293.0), TOLERANCE);
+    let mut simulation = begin(&rig, Simulated::LOAD_ONLY, at(0.05, 0.0, AIR_K), TOLERANCE);
     let drive = pressure_ramp(0.0);
     simulation.advance(&drive, 0.02).expect("a solution");
     assert_eq!(simulation.motion(), Motion::Falling);
@@ -307,10 +310,10 @@ fn falling_weight_meets_the_stop_without_a_bounce() {
     assert_eq!(simulation.contraction_rate_per_s(), 0.0);
 }
 
-/// Steps of the reference that move the weight and let it stick again; its sticking places.
-fn sticking_places(tolerance: f64) -> Vec<f64> {
+/// Positions at which the weight sticks after steps of the reference.
+fn sticking_positions(tolerance: f64) -> Vec<f64> {
     let rig = Rig::reference();
-    let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, 293.0), tolerance);
+    let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, AIR_K), tolerance);
     let steps_pa = [
         2.0e5, 2.04e5, 2.6e5, 2.58e5, 3.4e5, 3.0e5, 3.05e5, 2.2e5, 1.9e5, 4.1e5,
     ];
@@ -327,14 +330,14 @@ fn sticking_places(tolerance: f64) -> Vec<f64> {
 }
 
 #[test]
-fn two_tolerances_converge_to_the_same_sticking_places() {
+fn two_tolerances_converge_to_the_same_sticking_positions() {
     let (coarse, fine, finest) = (
-        sticking_places(1e-5),
-        sticking_places(1e-7),
-        sticking_places(1e-10),
+        sticking_positions(1e-5),
+        sticking_positions(1e-7),
+        sticking_positions(1e-10),
     );
     for ((coarse, fine), finest) in coarse.iter().zip(&fine).zip(&finest) {
-        // A missed event would move a place by millimetres, 1e-2 in ε.
+        // A missed event would change a position by millimetres, 1e-2 in ε.
         assert!((coarse - finest).abs() < 1e-5, "{coarse} {finest}");
         assert!((fine - finest).abs() < 1e-7, "{fine} {finest}");
     }
@@ -344,7 +347,7 @@ fn two_tolerances_converge_to_the_same_sticking_places() {
 fn error_falls_with_the_tolerance() {
     let rig = Rig::reference();
     let end = |tolerance: f64| {
-        let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, 293.0), tolerance);
+        let mut simulation = begin(&rig, Simulated::WHOLE, at(0.0, 0.0, AIR_K), tolerance);
         for tick in 0..60 {
             let pressure_pa = 2.2e5 + 1.5e5 * (f64::from(tick) * 0.21).sin();
             let until_s = 0.01 * f64::from(tick + 1);
@@ -363,7 +366,7 @@ fn error_falls_with_the_tolerance() {
     };
     let errors = [1e-3, 1e-5, 1e-7, 1e-9].map(error);
     for (tolerance, error) in [1e-3, 1e-5, 1e-7, 1e-9].into_iter().zip(errors) {
-        // A step's local error is at most the tolerance, and the plant forgets.
+        // The local error of a step is at most the tolerance, and perturbations of the plant decay.
         assert!(error < 10.0 * tolerance, "{errors:?}");
     }
     // Error per step falls as h⁵, the global error with the tolerance to the 4/5 or faster.
@@ -405,7 +408,7 @@ fn small_signals_follow_the_linearisation() {
         .expect("an equilibrium");
     for frequency_hz in [2.0, 5.0] {
         let omega = 2.0 * std::f64::consts::PI * frequency_hz;
-        let initial = at(linear.contraction, 3e5, 293.0);
+        let initial = at(linear.contraction, 3e5, AIR_K);
         let mut simulation = begin(&rig, Simulated::WHOLE, initial, 1e-9);
         let (hold_s, amplitude_pa) = (1e-3, 100.0);
         let per_period = (1.0 / (frequency_hz * hold_s)).round() as usize;
@@ -431,7 +434,7 @@ fn small_signals_follow_the_linearisation() {
         let samples = (10 * per_period) as f64;
         let unit = Complex::new(0.0, -0.5) * samples * amplitude_pa * hold;
         let expected = linear.pressure_response(omega);
-        // Left over: the transient's 1e-3, and the curvature of the force law at 100 Pa.
+        // Remaining errors: the transient's 1e-3, and the curvature of the force law at 100 Pa.
         assert!((pressure / unit - expected).norm() < 5e-3 * expected.norm());
         let expected = expected * linear.contraction_response(omega);
         assert!((contraction / unit - expected).norm() < 5e-3 * expected.norm());
@@ -439,7 +442,7 @@ fn small_signals_follow_the_linearisation() {
 }
 
 #[test]
-fn input_stiffness_limits_are_those_of_the_reading() {
+fn input_stiffness_limits_are_those_of_the_errata() {
     let rig = Rig::reference();
     let assist = rig.require_assist().expect("the reference rig assists");
     // "420–480 N/m without delay, 330–360 with one tick", read as rounded to 10 N/m, at the three

@@ -10,7 +10,7 @@ use std::path::Path;
 
 #[test]
 #[ignore = "needs the measured sets at MEASURED_DATA_DIR"]
-fn eq_1_on_a_real_muscle_misses_what_the_readme_says() {
+fn the_error_of_eq_1_on_a_real_muscle_is_that_of_the_readme() {
     let folder = std::env::var_os("MEASURED_DATA_DIR").expect("MEASURED_DATA_DIR names the folder");
     let folder = Path::new(&folder).join("pam_isometric_20mm");
     let example = "../docs/examples/pam-20mm.toml";

@@ -1,6 +1,6 @@
-//! The report as its reader sees it: in Chromium, driven over its DevTools protocol.
+//! The report in Chromium, which is controlled over its DevTools protocol.
 //!
-//! Chromium is started by its name, so the tests are ignored unless asked for:
+//! The tests need Chromium and are therefore ignored by default:
 //! `cargo test --test report_in_browser -- --ignored`.
 
 use hil_sim::bench::closed_loop::Run;
@@ -26,13 +26,13 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tungstenite::{Message, WebSocket};
 
-/// Longest that the browser may take for anything.
+/// Timeout of every operation of the browser.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Contrast that WCAG 2 asks of text, and of the lines of a plot.
+/// Contrast that WCAG 2 requires for text, and for the lines of a plot.
 const TEXT_CONTRAST: f64 = 4.5;
 const LINE_CONTRAST: f64 = 3.0;
 
-/// What several tests ask of the page.
+/// Scripts that several tests use.
 const HELPERS: &str = r#"
 const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
 const pixels = (canvas) => {
@@ -76,7 +76,7 @@ const drawn = () => charts().map((chart) => {
 });
 "#;
 
-/// A page of a browser of its own.
+/// A page in a separate browser.
 struct Page {
     browser: Child,
     _profile: TempDir,
@@ -94,7 +94,7 @@ impl Drop for Page {
 }
 
 impl Page {
-    /// Opens `url` as on a desktop.
+    /// Opens `url` in a desktop-sized window.
     fn open(chromium: &Path, url: &str) -> Page {
         let profile = TempDir::new().expect("a folder");
         let browser = Command::new(chromium)
@@ -173,7 +173,7 @@ impl Page {
         }
     }
 
-    /// The value of `script`, waited for if it is a promise.
+    /// The value of `script`; a promise is awaited.
     fn evaluate(&mut self, script: &str) -> Value {
         let mut answer = self.call(
             "Runtime.evaluate",
@@ -194,7 +194,7 @@ impl Page {
         serde_json::from_value(value).unwrap_or_else(|error| panic!("{script}: {error}"))
     }
 
-    /// Waits until what was changed is on the screen.
+    /// Waits until the page is drawn.
     fn settle(&mut self) {
         self.evaluate("new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))");
     }
@@ -261,7 +261,7 @@ impl Page {
         self.numbers(script).as_chunks::<2>().0.to_vec()
     }
 
-    /// Every line of every plot has left its colour.
+    /// Asserts that the colour of every line of every plot is on the screen.
     fn assert_drawn(&mut self, report: &Report) {
         let counts: Vec<Vec<u32>> =
             serde_json::from_value(self.evaluate("drawn()")).expect("counts");
@@ -276,7 +276,7 @@ impl Page {
         }
     }
 
-    /// The page wrote nothing to the console and asked for nothing but itself.
+    /// Asserts that the page wrote nothing to the console and requested no other resource.
     fn assert_quiet(&self, url: &str) {
         for event in &self.events {
             let params = &event["params"];
@@ -324,7 +324,7 @@ fn chromium() -> PathBuf {
         .unwrap_or_else(|| panic!("no program of {names:?} on the PATH"))
 }
 
-/// A rig with a leak that only its records know, and what a diagnosis with a small catalogue finds.
+/// A diagnosis with a small catalogue of a rig with a leak, and its records.
 fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
     let nominal = Rig::reference();
     let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 8e-9\n";
@@ -402,7 +402,7 @@ fn plots(report: &Report) -> Vec<&Plot> {
     sections.flat_map(|section| &section.plots).collect()
 }
 
-/// Opens the report for `check`, after which the page must have been quiet.
+/// Runs `check` on the opened report, and asserts that the page wrote no messages.
 fn in_browser(check: impl FnOnce(&mut Page, &Report)) {
     let folder = TempDir::new().expect("a folder");
     let file = folder.path().join("report.html");
@@ -520,7 +520,7 @@ fn dragging_zooms_the_whole_group_and_a_double_click_shows_all() {
 
 #[test]
 #[ignore = "needs Chromium"]
-fn axes_line_up_and_their_numbers_can_be_read() {
+fn axes_are_aligned_and_their_numbers_are_readable() {
     in_browser(|page, _| {
         let lefts = page.numbers("charts().map((chart) => chart.bbox.left)");
         assert!(lefts.iter().all(|left| *left == lefts[0]), "{lefts:?}");

@@ -9,12 +9,17 @@
 //! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
+//! | emergency stop  | PB10 (D6), PA8 (D7) | inputs, low if open | read by the tick         |
+//! | valve in the port | PB5 (D4) | output, alternates   | written by the tick              |
+//! | status lamp     | PA5 (D13, LD2) | output, high is lit | written by the tick           |
 //!
-//! The update event of TIM2 starts the ADC; after sixteen conversions DMA2 stream 0 requests the
-//! interrupt of the tick. TIM3 requests the interrupt of the link task every millisecond.
+//! The update event of TIM2 starts a scan of the ADC; after sixteen of them DMA2 stream 0 requests
+//! the interrupt of the tick. TIM3 requests the interrupt of the link task every millisecond.
 
-use stm32f4xx_hal::gpio::{Alternate, Analog, Input, PA0, PA1, PA2, PA3, PA4, PC0, PC1, PC13};
-use stm32f4xx_hal::pac::{GPIOA, GPIOC};
+use stm32f4xx_hal::gpio::{
+    Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PC0, PC1, PC13,
+};
+use stm32f4xx_hal::pac::{GPIOA, GPIOB, GPIOC};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
 
@@ -30,6 +35,12 @@ pub type ValvePin = PA4<Analog>;
 pub type LinkPins = (PA2, PA3);
 /// User button, with pull-up.
 pub type ButtonPin = PC13<Input>;
+/// Contacts of the emergency stop, with pull-down.
+pub type StopPins = (PB10<Input>, PA8<Input>);
+/// Pulses for the valve in the muscle's port.
+pub type PortPin = PB5<Output>;
+/// Status lamp.
+pub type LampPin = PA5<Output>;
 
 /// All pins in use, configured.
 pub struct Pins {
@@ -45,12 +56,19 @@ pub struct Pins {
     pub link: LinkPins,
     /// User button.
     pub button: ButtonPin,
+    /// Emergency stop.
+    pub stop: StopPins,
+    /// Valve in the muscle's port, low.
+    pub port: PortPin,
+    /// Status lamp, dark.
+    pub lamp: LampPin,
 }
 
 impl Pins {
     /// Configures the pins.
-    pub fn new(a: GPIOA, c: GPIOC, rcc: &mut Rcc) -> Pins {
+    pub fn new(a: GPIOA, b: GPIOB, c: GPIOC, rcc: &mut Rcc) -> Pins {
         let a = a.split(rcc);
+        let b = b.split(rcc);
         let c = c.split(rcc);
         Pins {
             bridge: c.pc0.into_analog(),
@@ -62,6 +80,9 @@ impl Pins {
             valve: a.pa4.into_analog(),
             link: (a.pa2, a.pa3),
             button: c.pc13.into_pull_up_input(),
+            stop: (b.pb10.into_pull_down_input(), a.pa8.into_pull_down_input()),
+            port: b.pb5.into_push_pull_output(),
+            lamp: a.pa5.into_push_pull_output(),
         }
     }
 }

@@ -6,6 +6,9 @@ use stm32f4xx_hal::pac::TIM5;
 use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Rcc;
 
+/// The code of that filter in the field of the second input, which has no names.
+const FILTER: u8 = 0b1111;
+
 /// The encoder.
 pub struct Encoder(TIM5);
 
@@ -14,6 +17,11 @@ impl Encoder {
     pub fn new(timer: TIM5, pins: EncoderPins, rcc: &mut Rcc) -> Encoder {
         // The HAL sets the timer up, but reads it through embedded-hal 0.2 only.
         let (timer, _) = Qei::new(timer, pins, rcc).release();
+        // Eight equal samples at 72 MHz / 32 before an edge counts: 3.6 µs, which no interference
+        // of a switching supply lasts. A is then followed up to 140 kHz, the weight up to 7 m/s.
+        timer
+            .ccmr1_input()
+            .modify(|_, w| w.ic1f().fdts_div32_n8().ic2f().set(FILTER));
         Encoder(timer)
     }
 

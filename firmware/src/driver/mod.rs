@@ -6,21 +6,25 @@ pub mod adc;
 pub mod button;
 pub mod encoder;
 pub mod flash;
+pub mod output;
 pub mod serial;
+pub mod stop;
 pub mod tick_timer;
 pub mod valve;
 pub mod watchdog;
 
-use crate::board::{self, ButtonPin, Pins};
+use crate::board::{self, ButtonPin, LampPin, Pins, PortPin, StopPins};
 use adc::Adc;
 use button::Button;
 use encoder::Encoder;
 use flash::Store;
+use output::Output;
 use serial::Serial;
 use stm32f4xx_hal::dma::StreamsTuple;
 use stm32f4xx_hal::pac::{self, TIM3};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::timer::{CounterUs, Event, SysDelay};
+use stop::Stop;
 use tick_timer::TickTimer;
 use valve::Valve;
 use watchdog::Watchdog;
@@ -37,8 +41,14 @@ pub struct Devices {
     pub encoder: Encoder,
     /// User button.
     pub button: Button<ButtonPin>,
+    /// Emergency stop.
+    pub stop: Stop<StopPins>,
     /// Valve, at 0 V.
     pub valve: Valve,
+    /// Pulses for the valve in the muscle's port, low.
+    pub port: Output<PortPin>,
+    /// Status lamp, dark.
+    pub lamp: Output<LampPin>,
     /// Serial port of the link, receiving.
     pub serial: Serial,
     /// Timer of the link task, running.
@@ -52,17 +62,16 @@ pub struct Devices {
 impl Devices {
     /// Starts the watchdog, then the clocks, then all other devices.
     pub fn new(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Devices {
-        let watchdog = Watchdog::start(device.IWDG, &device.DBGMCU);
         // Keeps the CPU clock, and with it the cycle counter, running in sleep mode.
         device.DBGMCU.cr().modify(|_, w| w.dbg_sleep().set_bit());
+        let watchdog = Watchdog::start(device.IWDG, device.DBGMCU);
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
 
-        let clocks = board::clock_source().sysclk(board::SYSCLK_HZ.Hz());
-        let mut rcc = device.RCC.freeze(clocks);
+        let mut rcc = device.RCC.freeze(board::clocks());
         assert!(rcc.clocks.sysclk().raw() == board::SYSCLK_HZ);
         assert!(rcc.clocks.timclk1().raw() == board::TIMER_HZ);
-        let pins = Pins::new(device.GPIOA, device.GPIOC, &mut rcc);
+        let pins = Pins::new(device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         let valve = Valve::new(device.DAC, pins.valve, &mut rcc);
         let dma1 = StreamsTuple::new(device.DMA1, &mut rcc);
         let dma2 = StreamsTuple::new(device.DMA2, &mut rcc);
@@ -79,7 +88,10 @@ impl Devices {
             adc,
             encoder,
             button: Button(pins.button),
+            stop: Stop(pins.stop),
             valve,
+            port: Output(pins.port),
+            lamp: Output(pins.lamp),
             serial,
             link_timer,
             tick_timer: TickTimer::new(device.TIM2, &mut rcc),

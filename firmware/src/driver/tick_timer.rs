@@ -1,4 +1,5 @@
-//! The tick timer: the update event of TIM2 triggers the ADC once per tick.
+//! The tick timer: the update event of TIM2 triggers the ADC. The last scan of a period starts the
+//! tick.
 
 use crate::board;
 use stm32f4xx_hal::pac::TIM2;
@@ -15,13 +16,13 @@ impl TickTimer {
         TickTimer(timer)
     }
 
-    /// Starts the ticks; the first one begins at once.
+    /// Starts the scans; the first one begins at once, the first tick after a whole period.
     pub fn start(self) {
         let timer = self.0;
         timer
             .psc()
             .write(|w| w.psc().set((board::TICK_PRESCALER - 1) as u16));
-        timer.arr().write(|w| w.set(board::TICK_COUNTS - 1));
+        timer.arr().write(|w| w.set(board::SCAN_COUNTS - 1));
         timer.cr2().write(|w| w.mms().update());
         // The update event loads the prescaler, and is the first trigger.
         timer.egr().write(|w| w.ug().set_bit());

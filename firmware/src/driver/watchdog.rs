@@ -11,28 +11,44 @@ const TICK_TIMEOUT: (u8, u16) = (3, 50);
 /// second, so that this is nominally 20 s.
 const LONG_TIMEOUT: (u8, u16) = (6, 20 * 125);
 
+/// Whether the watchdog stands still while a debugger halts the CPU. Then the valve keeps its
+/// voltage for as long as the halt lasts: only with the valve's supply off.
+pub const STOPS_IN_DEBUG: bool = cfg!(feature = "debugger");
+
 /// The running watchdog.
-pub struct Watchdog(IWDG);
+pub struct Watchdog {
+    iwdg: IWDG,
+    debug: DBGMCU,
+}
 
 impl Watchdog {
-    /// Starts the watchdog with the long timeout. Only a debugger that halts the CPU can stop it.
-    pub fn start(iwdg: IWDG, debug: &DBGMCU) -> Watchdog {
-        debug.apb1_fz().modify(|_, w| w.dbg_iwdg_stop().set_bit());
+    /// Starts the watchdog with the long timeout. Nothing stops it, unless [`STOPS_IN_DEBUG`].
+    pub fn start(iwdg: IWDG, debug: DBGMCU) -> Watchdog {
         iwdg.kr().write(|w| w.key().start());
         set_timeout(&iwdg, LONG_TIMEOUT);
-        Watchdog(iwdg)
+        let mut watchdog = Watchdog { iwdg, debug };
+        watchdog.overrule_debugger();
+        watchdog
     }
 
     /// Switches to the short timeout: from now on ticks must complete.
     pub fn expect_ticks(&mut self) {
-        set_timeout(&self.0, TICK_TIMEOUT);
+        set_timeout(&self.iwdg, TICK_TIMEOUT);
     }
 
     /// Restarts the timeout. Call it after a complete tick and nowhere else: the link task is not
     /// monitored, because a reset vents the muscle and lowers the weight, whereas the tick can
     /// assist without the PC.
     pub fn feed(&mut self) {
-        self.0.kr().write(|w| w.key().feed());
+        self.iwdg.kr().write(|w| w.key().feed());
+        self.overrule_debugger();
+    }
+
+    /// Debuggers set this bit when they attach (OpenOCD does), and only power-on clears it.
+    fn overrule_debugger(&mut self) {
+        self.debug
+            .apb1_fz()
+            .modify(|_, w| w.dbg_iwdg_stop().bit(STOPS_IN_DEBUG));
     }
 }
 

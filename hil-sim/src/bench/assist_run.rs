@@ -21,7 +21,7 @@ pub struct AssistRun {
     pub settings: Settings,
     /// The ticks.
     pub ticks: Vec<Tick>,
-    /// How F followed F_c.
+    /// Tracking of F_c by F.
     pub tracking: Tracking,
 }
 
@@ -66,7 +66,7 @@ impl AssistRun {
         })
     }
 
-    /// The result in words.
+    /// The result as a sentence.
     pub fn verdict(&self) -> String {
         let lag = self.tracking.lag_s.map_or_else(
             || "never rises with it".into(),
@@ -86,7 +86,7 @@ impl AssistRun {
     }
 }
 
-/// A lag in words.
+/// A lag as text.
 pub(crate) fn milliseconds(lag_s: Option<f64>) -> String {
     match lag_s {
         None => "F never rises".into(),

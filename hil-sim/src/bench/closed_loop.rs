@@ -20,7 +20,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// One run of the closed loop: what the person does, and what surrounds the controller.
+/// One run of the closed loop: the person's motion, noise and delays.
 #[derive(Clone, Debug)]
 pub struct Run {
     /// The intended path of the finger.

@@ -1,10 +1,10 @@
-//! Why work on the bench ends early.
+//! The errors that end a run, a replay or a command.
 
 use crate::bench::port::client::LinkError;
 use crate::error::BadInput;
 use crate::output::NotWritten;
 
-/// Why a run, a replay or a command ended early.
+/// The error that ended a run, a replay or a command.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file or an option of the user.

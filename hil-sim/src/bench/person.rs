@@ -1,4 +1,4 @@
-//! The person: where the finger is meant to go, and the hand that presses on the lever.
+//! The person: the intended motion of the finger, and the hand that presses on the lever.
 
 use model_core::assist::Assist;
 use std::ops::Range;

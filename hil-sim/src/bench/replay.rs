@@ -253,7 +253,7 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// The result in words.
+    /// The result as text.
     pub fn verdict(&self) -> String {
         let (differing, compared) = (self.differing_ticks, self.compared_ticks);
         let mut words = format!("{differing} of {compared} ticks differ.");

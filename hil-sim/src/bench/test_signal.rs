@@ -1,5 +1,4 @@
-//! Test signals: reference pressures whose records make effects distinguishable that other records
-//! do not.
+//! Test signals: reference pressures whose records make effects distinguishable.
 //!
 //! | part | makes distinguishable |
 //! |---|---|
@@ -327,24 +326,24 @@ impl Writer {
         [middle_pa, high_pa, middle_pa, low_pa]
     }
 
-    /// Twice up and down over the range, first with a minor loop on each leg; then the same four
-    /// times as fast, and again.
+    /// Twice up and down over the range, first with a minor loop in each direction; then twice
+    /// more, each time four times as fast.
     fn triangles(&mut self) {
         let Limits {
             low_pa, high_pa, ..
         } = self.limits;
         self.approach(low_pa);
-        for leg_s in [16.0, 4.0, 1.0] {
+        for ramp_s in [16.0, 4.0, 1.0] {
             for turns in [true, true, false, false] {
                 let from_pa = self.last_pa();
                 let to_pa = if from_pa > low_pa { low_pa } else { high_pa };
                 let level = |share: f64| from_pa + share * (to_pa - from_pa);
                 if turns {
-                    self.ramp(level(0.6), 0.6 * leg_s);
-                    self.ramp(level(0.3), 0.3 * leg_s);
-                    self.ramp(to_pa, 0.7 * leg_s);
+                    self.ramp(level(0.6), 0.6 * ramp_s);
+                    self.ramp(level(0.3), 0.3 * ramp_s);
+                    self.ramp(to_pa, 0.7 * ramp_s);
                 } else {
-                    self.ramp(to_pa, leg_s);
+                    self.ramp(to_pa, ramp_s);
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! How well the muscle's force follows its reference.
+//! Tracking of the reference by the muscle's force.
 
 use crate::bench::tick::{TICK_S, Tick};
 use crate::design;
@@ -8,7 +8,7 @@ use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use serde::Serialize;
 use std::ops::Range;
 
-/// How well F followed F_c over a span of time.
+/// Tracking of F_c by F over an interval of time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Tracking {
     /// RMS of F_c − F \[N\].
@@ -17,7 +17,7 @@ pub struct Tracking {
     pub reference_force_n_max: f64,
     /// Mean delay of F behind F_c while both rise from 10 % to 90 % of the weight \[s\].
     pub lag_s: Option<f64>,
-    /// How far the weight was lifted \[m\].
+    /// Largest travel of the weight \[m\].
     pub lift_m_max: f64,
 }
 
@@ -36,7 +36,7 @@ fn crossing_s(ticks: &[Tick], level: f64, value: fn(&Tick) -> f64) -> Option<f64
 /// The rig has no weight.
 pub fn tracking(rig: &Rig, ticks: &[Tick], span_s: &Range<f64>) -> Result<Tracking, BadInput> {
     let weight_n = design::weight(rig)?.mass_kg * GRAVITY_M_PER_S2;
-    // Times are rounded: half a tick decides.
+    // Times are rounded: half a tick of tolerance.
     let index_at = |time_s: f64| ticks.partition_point(|tick| tick.time_s < time_s - 0.5 * TICK_S);
     let start = index_at(span_s.start);
     let ticks = &ticks[start..index_at(span_s.end).max(start)];

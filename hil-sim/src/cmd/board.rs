@@ -1,4 +1,4 @@
-//! Which board a command talks to.
+//! Connects a command to a board, real or emulated.
 
 use super::Failure;
 use hil_sim::bench::port::client::{Client, LinkError, Transport};
@@ -13,21 +13,21 @@ use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-/// A board that has been silent for so long will not speak again.
-const GIVE_UP: Duration = Duration::from_secs(60);
+/// A board that sends nothing for this time is considered lost.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
-/// The way to a board.
+/// The link to a board.
 pub type Line = Client<Box<dyn Transport + Send>>;
 
-/// A board, and who it says it is.
+/// A connected board and its identity.
 pub struct Connected {
-    /// The way to it.
+    /// The link to it.
     pub line: Line,
-    /// What it says.
+    /// The identity that it reports.
     pub identity: Identity,
-    /// The port's name.
+    /// Name of the port.
     pub port: String,
-    /// Set to end early.
+    /// Set by an interrupt, to end early.
     #[cfg(feature = "terminal")]
     pub stop: Arc<AtomicBool>,
 }
@@ -43,7 +43,7 @@ fn serial(name: &str) -> Result<Box<dyn Transport + Send>, BadInput> {
     Err(BadInput::file(name, expected))
 }
 
-/// Connects to the real board at `port`, else to an emulated one.
+/// Connects to the real board at `port`, or to an emulated one if it is `None`.
 pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
     let line: Box<dyn Transport + Send> = match port {
         Some(name) => serial(name)?,
@@ -56,10 +56,10 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
     #[cfg(feature = "terminal")]
     {
         let handler = Arc::clone(&stop);
-        // Without a handler an interrupt ends the program at once.
+        // If the handler cannot be set, an interrupt ends the program immediately.
         let _ = ctrlc::set_handler(move || handler.store(true, Ordering::Relaxed));
     }
-    let mut line = Client::new(line, GIVE_UP, Arc::clone(&stop));
+    let mut line = Client::new(line, TIMEOUT, Arc::clone(&stop));
     let name = port.unwrap_or("the emulated board").to_string();
     let identity = match line.identity() {
         Err(LinkError::NoAnswer(waited_s)) => {
@@ -77,8 +77,8 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
     })
 }
 
-/// The board in words.
-pub fn in_words(identity: &Identity) -> String {
+/// The board's name, firmware and last faults as text.
+pub fn describe(identity: &Identity) -> String {
     let board = match identity.board {
         Board::NucleoF446re => "NUCLEO-F446RE",
         Board::Stm32f407 => "STM32F407",

@@ -5,15 +5,16 @@ use hil_sim::record::Record;
 use hil_sim::record::check::{Check, Finding, Sampling, Signal, Subsystem, check};
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::Rig;
+use muscle_plant::effects::Catalogue;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Is a record fit for a diagnosis? Sampling, noise, broken sensors, what it moves
+/// Check whether a record is suitable for a diagnosis: sampling, noise, faulty sensors, excitation
 ///
-/// Also: which subsystems can be diagnosed from it.
+/// States also which subsystems can be diagnosed from it, and which effects it hardly shows.
 ///
-/// It ends in status 0 whatever it finds: errors are what `diagnose` refuses, warnings what it will
-/// suffer from.
+/// An error makes `diagnose` refuse the record, a warning makes its result less certain. The exit
+/// status is 0 in both cases.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -23,10 +24,10 @@ pub struct Args {
     /// The record
     #[arg(value_name = "REC.csv")]
     record: PathBuf,
-    /// The rig that was measured, to say whether its load can be diagnosed
+    /// The measured rig, to check whether its load can be diagnosed
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Print a machine-readable summary instead of words
+    /// Print a machine-readable summary instead of text
     #[arg(long)]
     json: bool,
 }
@@ -45,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let record = Record::read(&args.record)?;
     let rig = args.rig.as_deref().map(Rig::read).transpose()?;
     let check = check(&record);
-    let blocks = check.subsystems(rig.as_ref());
+    let blocks = check.subsystems(&Catalogue::standard(), rig.as_ref());
     if args.json {
         super::print_json(&Summary {
             sampling: &check.sampling,
@@ -56,12 +57,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         })?;
     } else {
         let title = args.record.display().to_string();
-        super::print(&words(title, &check, &blocks).to_text())?;
+        super::print(&report(title, &check, &blocks).to_text())?;
     }
     Ok(())
 }
 
-fn words(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
+fn report(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
     let sampling = &check.sampling;
     let mut verdict = vec![format!(
         "{} rows in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
@@ -84,12 +85,11 @@ fn words(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
         rows,
     };
     let signals = table(
-        "What was measured, in the columns' units; the rate is the one that 95 % of the time is \
-         below",
+        "Measured signals, in the columns' units; the rate is the 95th percentile",
         &[
             "signal",
-            "least",
-            "greatest",
+            "minimum",
+            "maximum",
             "noise",
             "step",
             "rate /s",
@@ -100,8 +100,12 @@ fn words(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
         check.signals.iter().map(row).collect(),
     );
     let blocks = table(
-        "What can be diagnosed from it",
-        &["subsystem", "enough", "missing, or cannot show"],
+        "Subsystems that can be diagnosed",
+        &[
+            "subsystem",
+            "sufficient",
+            "missing columns, or effects hardly shown",
+        ],
         blocks.iter().map(block_row).collect(),
     );
     Report {
@@ -133,11 +137,11 @@ fn row(signal: &Signal) -> Vec<String> {
 }
 
 fn block_row(block: &Subsystem) -> Vec<String> {
-    let said = if block.missing.is_empty() {
-        &block.blind_to
+    let remarks = if block.missing.is_empty() {
+        block.blind_to.join("; ")
     } else {
-        &block.missing
+        block.missing.join("; ")
     };
     let enough = if block.enough { "yes" } else { "no" };
-    vec![block.name.into(), enough.into(), said.join("; ")]
+    vec![block.name.into(), enough.into(), remarks]
 }

@@ -12,11 +12,12 @@ use model_core::settings::SettingsValues;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Turn a fitted rig into the controller's settings, and prove them in the closed loop first
+/// Derive the controller's compensation from a fitted rig, and test it in the closed loop
 ///
-/// Each effect that the board can compensate is tried on the rig's own plant, and kept where the
-/// assistance becomes better and the loop keeps its stability margins, also when every parameter is
-/// off by 30 %. Writes settings.toml, compensation.json and report.html.
+/// Each effect that the board can compensate is tried on the simulated plant of the rig. It is
+/// compensated if that reduces the error of the assistance and the loop keeps its stability
+/// margins, also with every parameter off by 30 %. Writes settings.toml, compensation.json and
+/// report.html.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,13 +28,13 @@ pub struct Args {
     /// The fitted rig, as `hil-sim diagnose` writes it
     #[arg(long, value_name = "RIG")]
     rig: PathBuf,
-    /// The board's settings; those of the reference board if left out
+    /// The board's settings; those of the reference board if omitted
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// Folder for the results, made if it is not there
+    /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Print the proof as JSON instead of words
+    /// Print the test results as JSON instead of text
     #[arg(long)]
     json: bool,
 }
@@ -99,12 +100,12 @@ fn verdict(done: &Compensated) -> Vec<String> {
         .collect();
     let (before, after, corners) = (&done.before, &done.after, &done.corners);
     if compensated.is_empty() {
-        return vec!["Nothing is compensated: the settings are as they were.".into()];
+        return vec!["No effect is compensated: the settings are unchanged.".into()];
     }
     vec![
         format!(
-            "Compensated: {}. What the load lacks of K F_b falls from {:.1} to {:.1} N RMS, \
-             F_c − F of the muscle from {:.1} to {:.1} N.",
+            "Compensated: {}. The error of the force at the load against K F_b falls from {:.1} to \
+             {:.1} N RMS, F_c − F of the muscle from {:.1} to {:.1} N RMS.",
             compensated.join(", "),
             before.load_error_n_rms,
             after.load_error_n_rms,
@@ -112,8 +113,8 @@ fn verdict(done: &Compensated) -> Vec<String> {
             after.tracking.error_n_rms
         ),
         format!(
-            "With each parameter off by {:.0} %, {} ways: gain margin at least {:.1} (without \
-             compensation {:.1}), delay margin at least {:.0} ms ({:.0} ms), and at most \
+            "With each parameter off by {:.0} %, {} combinations: gain margin at least {:.1} \
+             (without compensation {:.1}), delay margin at least {:.0} ms ({:.0} ms), and at most \
              {:.1} N RMS.",
             100.0 * OFF_BY,
             corners.count,
@@ -131,13 +132,13 @@ fn parts_table(parts: &[Part]) -> Table {
         let state = if part.compensated {
             "compensated"
         } else {
-            "not"
+            "not compensated"
         };
         vec![part.name.clone(), state.into(), part.words.clone()]
     };
     Table {
-        caption: "What the rig has, and what is done about it".into(),
-        columns: ["effect", "", "why"].map(String::from).into(),
+        caption: "Effects of the rig and their compensation".into(),
+        columns: ["effect", "result", "details"].map(String::from).into(),
         rows: parts.iter().map(row).collect(),
     }
 }
@@ -147,7 +148,7 @@ fn quality_table(before: &Quality, after: &Quality) -> Table {
         |name: &str, value: fn(&Quality) -> String| vec![name.into(), value(before), value(after)];
     Table {
         caption: format!(
-            "From {:.1} to {:.1} s: the paper's lift, its hold, and down again",
+            "From {:.1} to {:.1} s: the weight is lifted, held and lowered as in the paper",
             SPAN_S.start, SPAN_S.end
         ),
         columns: ["", "before", "after"].map(String::from).into(),
@@ -197,12 +198,13 @@ fn report(rig: &Rig, done: &Compensated, toml: String) -> Report {
         verdict: verdict(done),
         sections: vec![
             Section {
-                heading: "Proof".into(),
+                heading: "Test in the closed loop".into(),
                 text: vec![
-                    "On the fitted rig's own plant. F_c is K F_b and what friction and payload \
-                     take; the force at the load is what moves it as it would without them. \
-                     Margins: the factor of K_s·K, and the delay, up to which a weight that is \
-                     lifted comes to rest with no dry friction to hold it."
+                    "Simulated with the plant of the fitted rig. F_c is K F_b plus the \
+                     compensation of friction and payload. The force at the load is the force that \
+                     would move the nominal load in the same way. Margins: the factor of K_s·K, \
+                     and the added delay, up to which a lifted weight comes to rest without dry \
+                     friction."
                         .into(),
                 ],
                 tables: vec![

@@ -4,7 +4,7 @@ use super::Failure;
 use clap::CommandFactory;
 use clap_complete::{Shell, generate};
 
-/// Shell completions
+/// Print shell completions
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:

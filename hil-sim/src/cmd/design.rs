@@ -4,11 +4,11 @@ use super::Common;
 use super::Failure;
 use hil_sim::design::report::{Question, design_report};
 
-/// The flow gain a valve must have, and how stiff the input may be
+/// Compute the required flow gain of the valve, and the permitted stiffness of the input
 ///
-/// Answers «which valve must I buy?»: over a range of equilibrium pressures and loads, the flow
-/// gain at which the pressure control is as fast as the weight on the muscle; whether the rig's
-/// valve has it; and up to which K_s the sampled loop is stable.
+/// For selecting a valve: over a range of equilibrium pressures and loads, the flow gain at which
+/// the pressure control is as fast as the weight on the muscle; whether the rig's valve has it; and
+/// up to which K_s the sampled loop is stable.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -17,13 +17,13 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     common: Common,
-    /// Lowest equilibrium pressure [Pa]; a tenth of the supply if left out
+    /// Lowest equilibrium pressure [Pa]; a tenth of the supply if omitted
     #[arg(long)]
     pressure_min: Option<f64>,
-    /// Highest equilibrium pressure [Pa]; the supply if left out
+    /// Highest equilibrium pressure [Pa]; the supply if omitted
     #[arg(long)]
     pressure_max: Option<f64>,
-    /// A mass [kg], any number of times; the rig's if left out
+    /// A mass [kg], any number of times; the rig's if omitted
     #[arg(long)]
     mass: Vec<f64>,
 }

@@ -12,9 +12,9 @@ use model_discrepancy::verdict::Step;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-/// Find where simulation and measurement disagree, and name the effect that is missing
+/// Find where simulation and measurement disagree, and which effect the simulation lacks
 ///
-/// Takes a nominal rig, records to fit and records to judge by. Writes diagnosis.json,
+/// Needs a nominal rig, records to fit and records to validate with. Writes diagnosis.json,
 /// rig.fitted.toml and report.html.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -27,19 +27,19 @@ pub struct Args {
     /// A record to fit to; may be given more than once
     #[arg(long, value_name = "REC.csv", required = true)]
     fit: Vec<PathBuf>,
-    /// A record to judge by, never fitted to; may be given more than once
+    /// A record to validate with, which is not fitted; may be given more than once
     #[arg(long, value_name = "REC.csv", required = true)]
     validate: Vec<PathBuf>,
-    /// Folder for the results, made if it is not there
+    /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Leave an effect out of the catalogue; may be given more than once
+    /// Remove an effect from the catalogue; may be given more than once
     #[arg(long, value_name = "NAME", value_parser = effect)]
     without: Vec<String>,
-    /// How many threads; all cores if left out
+    /// Number of threads; all cores if omitted
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
-    /// Print the diagnosis as JSON instead of words
+    /// Print the diagnosis as JSON instead of text
     #[arg(long)]
     json: bool,
 }

@@ -11,13 +11,13 @@ use std::path::PathBuf;
 
 /// Write the test signal of the next experiment, within the rig's limits
 ///
-/// A vented zero, triangles at three rates with minor loops, steps with holds of 60 s, a multisine
-/// and growing steps: together they distinguish effects that one record does not. Vented at both
-/// ends.
+/// Rest at zero pressure, triangles at three rates with minor loops, steps with holds of 60 s, a
+/// multisine and growing steps: together they distinguish effects that a single signal cannot. The
+/// muscle is vented at the beginning and at the end.
 ///
 /// In shut-holds a person shuts a shut-off valve between valve and pressure sensor while
-/// `valve_open` is 0. `hil-sim record --play` says when and writes the column to the record;
-/// `simulate` and `diagnose` use it. Nothing vents the muscle behind it: secure the weight.
+/// `valve_open` is 0. `hil-sim record --play` announces this and writes the column to the record,
+/// which `simulate` and `diagnose` use. The muscle cannot be vented then: secure the weight.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -27,20 +27,19 @@ pub struct Args {
     /// The rig
     #[arg(long, value_name = "RIG")]
     rig: PathBuf,
-    /// The drive to write: time_s, pressure_ref_pa and, for shut-holds, valve_open
+    /// The test signal to write: time_s, pressure_ref_pa and, for shut-holds, valve_open
     #[arg(long, value_name = "EXP.csv")]
     out: PathBuf,
-    /// Only this; may be given again. All but shut-holds if left out
+    /// A part of the signal; may be given more than once. All but shut-holds if omitted
     #[arg(long, value_enum)]
     part: Vec<Part>,
-    /// Contraction that a weight is not to pass
+    /// Highest contraction at which a weight may be in equilibrium
     #[arg(long, default_value_t = CONTRACTION_MAX, value_parser = between(0.01, 0.9))]
     contraction_max: f64,
-    /// Fastest change of the reference [Pa/s]; what the board's reference settings allow if left
-    /// out
+    /// Highest rate of the reference [Pa/s]; the limit of the board's reference settings if omitted
     #[arg(long, value_parser = between(100.0, 1e8))]
     rate_max: Option<f64>,
-    /// Print a machine-readable summary instead of words
+    /// Print a machine-readable summary instead of text
     #[arg(long)]
     json: bool,
 }
@@ -90,7 +89,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         super::print_json(&summary)?;
     } else {
         let mut words = format!(
-            "{}: {:.0} s, the muscle works from {:.0} to {:.0} kPa.\n",
+            "{}: {:.0} s, pressure from {:.0} to {:.0} kPa.\n",
             summary.experiment,
             summary.length_s,
             1e-3 * limits.low_pa,

@@ -2,7 +2,7 @@
 
 use super::Common;
 use super::Failure;
-use super::board::{Connected, connect, in_words};
+use super::board::{Connected, connect, describe};
 use super::run::Scenario;
 #[cfg(feature = "terminal")]
 use super::screen;
@@ -26,11 +26,11 @@ use std::sync::Mutex;
 #[cfg(feature = "terminal")]
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The assist experiment with the controller on a board, the plant on this PC
+/// Run the assist experiment with the controller on a board and the plant on this PC
 ///
-/// The sensors' values go to the board over its serial link, and its valve's value comes back; its
-/// own valve output stays at 0 V. Without --port the firmware runs on an emulated board. Writes
-/// records as CSV and MCAP.
+/// The sensor values are sent to the board over its serial link, and it returns the value of the
+/// valve; its physical valve output stays at 0 V. Without --port the firmware runs on an emulated
+/// board. Writes records as CSV and MCAP.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -47,16 +47,16 @@ pub struct Args {
     /// The board's serial port
     #[arg(long, value_name = "PORT", conflicts_with = "emulated")]
     port: Option<String>,
-    /// The emulated board, as without --port
+    /// Use the emulated board, as without --port
     #[arg(long)]
     emulated: bool,
-    /// Store the rig's muscle, gain and supply on the board if it has others
+    /// Store the rig's muscle, gain and supply on the board if its settings differ
     #[arg(long)]
     write_settings: bool,
-    /// The board's settings, in place of those that follow from the rig (see `hil-sim settings`)
+    /// Settings for the board, instead of those that follow from the rig (see `hil-sim settings`)
     #[arg(long, value_name = "FILE")]
     settings: Option<PathBuf>,
-    /// No screen, only words
+    /// Print text instead of showing a screen
     #[arg(long)]
     no_screen: bool,
     /// Do not slow the emulated board down to real time for the screen
@@ -78,11 +78,11 @@ struct RunSummary {
     record: String,
     stopped: bool,
     board: BoardReport,
-    /// Against the controller of this program.
+    /// Comparison with the same controller on this PC.
     differing_ticks: usize,
 }
 
-/// A run, and what is said of its board.
+/// A run, and the report of its board.
 struct Done {
     run: AssistRun,
     summary: RunSummary,
@@ -98,10 +98,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     for (name, _) in &rigs {
         let record = args.common.out.join(super::record_name(name));
-        args.scenario.spares(&record)?;
+        args.scenario.refuse_overwriting(&record)?;
     }
     let mut board = connect(args.port.as_deref())?;
-    let words = in_words(&board.identity);
+    let words = describe(&board.identity);
     eprintln!("seed: {}", args.scenario.seed);
     eprintln!("board: {words}");
     let may_write = args.write_settings || args.port.is_none();
@@ -123,9 +123,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 settings,
                 run: &experiment,
                 progress: if with_screen {
-                    no_words
+                    no_progress
                 } else {
-                    words_at_tenths
+                    print_tenths
                 },
                 real_time: with_screen && !args.fast && args.port.is_none(),
             };
@@ -141,11 +141,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     finish(args, words, done)
 }
 
-/// Says nothing.
-pub fn no_words(_: &str, _: &Tick, _: f64) {}
+/// Prints no progress.
+pub fn no_progress(_: &str, _: &Tick, _: f64) {}
 
-/// A line each tenth of the experiment.
-pub fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
+/// Prints the state after each tenth of the run.
+pub fn print_tenths(name: &str, tick: &Tick, duration_s: f64) {
     let tenth = |time_s: f64| (10.0 * time_s / duration_s).floor();
     if tenth(tick.time_s) < tenth(tick.time_s + TICK_S) {
         let (time_s, output) = (tick.time_s + TICK_S, &tick.output);
@@ -157,7 +157,7 @@ pub fn words_at_tenths(name: &str, tick: &Tick, duration_s: f64) {
     }
 }
 
-/// Ends the screen, even if the experiment has panicked.
+/// Ends the screen when it is dropped, also if the run panics.
 #[cfg(feature = "terminal")]
 struct SetOnDrop<'a>(&'a AtomicBool);
 
@@ -207,13 +207,13 @@ fn all(
     board: &mut Connected,
     view: &Mutex<View>,
     jobs: &[(&str, Job)],
-    with_words: bool,
+    prints_lines: bool,
 ) -> Result<Vec<Done>, Failure> {
     let mut done = Vec::new();
     for (name, job) in jobs {
         let one = one(args, board, view, name, job)?;
         let stopped = one.summary.stopped;
-        if with_words {
+        if prints_lines {
             let lines = view.lock().map(|mut view| view.take_log());
             for line in lines.unwrap_or_default() {
                 eprintln!("{line}");
@@ -238,7 +238,7 @@ fn one(
     let path = args.common.record_path(name)?;
     let recorder = Recorder::create(&path)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
-    // The record of what the board did, against the controller of this program.
+    // Compares the board's record with the same controller on this PC.
     let record = Record::read(&path)?;
     let differing = replay(&Inputs::new(&record)?, &mut OnPc::default(), |_| {})?;
     let planned = (job.run.duration_s / TICK_S).round() as usize;
@@ -264,7 +264,7 @@ fn verdict(done: &Done) -> String {
     );
     if report.restarts > 0 {
         let restarts = report.restarts;
-        words += &format!("; the board's controller has begun anew {restarts} times");
+        words += &format!("; the board's controller restarted {restarts} times");
     }
     if summary.stopped {
         words += "; it was stopped early";
@@ -288,7 +288,7 @@ fn board_table(done: &[Done]) -> Table {
         ]
     };
     Table {
-        caption: "How the board and the line fared".into(),
+        caption: "Board and link".into(),
         columns: [
             "run",
             "ticks",

@@ -7,10 +7,10 @@ use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::report::{Report, Section, Table};
 use std::path::PathBuf;
 
-/// Make a record of a CSV or MATLAB file with other names and units
+/// Convert a CSV or MATLAB file with other names and units into a record
 ///
-/// The mapping file says which column is which and in which unit. What was done is told: rows,
-/// conversions, ranges, and times that did not rise.
+/// The mapping file assigns the columns and their units. Prints the number of rows, the
+/// conversions, the ranges, and times that do not increase.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -18,26 +18,26 @@ Examples:
   hil-sim import bench.txt --map map.toml --out bench.csv
   hil-sim import bench.mat --map map.toml --out bench.csv --json")]
 pub struct Args {
-    /// The file: CSV, or MATLAB's .mat
+    /// The file to convert: CSV, or MATLAB's .mat
     #[arg(value_name = "FILE", required_unless_present = "example")]
     file: Option<PathBuf>,
-    /// The mapping
+    /// The mapping file
     #[arg(long, value_name = "MAP.toml", required_unless_present = "example")]
     map: Option<PathBuf>,
     /// The record to write
     #[arg(long, value_name = "REC.csv", required_unless_present = "example")]
     out: Option<PathBuf>,
-    /// Print what was done as JSON instead of words
+    /// Print the summary as JSON instead of text
     #[arg(long)]
     json: bool,
-    /// Print a commented mapping file, and do nothing else
+    /// Only print a commented mapping file
     #[arg(long, exclusive = true)]
     example: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // Without --example all three are there.
+    // clap requires all three without --example.
     let (Some(file), Some(map), Some(out)) = (&args.file, &args.map, &args.out) else {
         super::print(Map::EXAMPLE_TOML)?;
         return Ok(());
@@ -55,12 +55,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         super::print_json(&imported.summary)?;
     } else {
-        super::print(&words(name, &imported.summary).to_text())?;
+        super::print(&report(name, &imported.summary).to_text())?;
     }
     Ok(())
 }
 
-fn words(title: String, summary: &Summary) -> Report {
+fn report(title: String, summary: &Summary) -> Report {
     let mut verdict = vec![
         format!(
             "{}: {} rows read, {} written.",
@@ -98,8 +98,8 @@ fn words(title: String, summary: &Summary) -> Report {
         "from",
         "converted",
         "missing",
-        "least",
-        "greatest",
+        "minimum",
+        "maximum",
     ];
     Report {
         title,
@@ -107,7 +107,7 @@ fn words(title: String, summary: &Summary) -> Report {
         sections: vec![Section {
             heading: "Columns".into(),
             tables: vec![Table {
-                caption: "What was written, in SI units".into(),
+                caption: "Written columns, in SI units".into(),
                 columns: columns.map(String::from).to_vec(),
                 rows: summary.columns.iter().map(row).collect(),
             }],

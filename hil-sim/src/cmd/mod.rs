@@ -1,4 +1,4 @@
-//! One file a command.
+//! The commands, one per file.
 
 pub mod board;
 pub mod check;
@@ -32,16 +32,16 @@ use std::path::PathBuf;
 /// Why a command ended early.
 pub type Failure = hil_sim::bench::error::Error;
 
-/// Which rig, and where results go.
+/// Arguments for the rig and the output folder.
 #[derive(clap::Args)]
 pub struct Common {
-    /// The rig; the paper's if left out (see `hil-sim rig new`)
+    /// The rig; the paper's if omitted (see `hil-sim rig new`)
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Folder for the report and records, made if it is not there
+    /// Folder for the report and records, created if it does not exist
     #[arg(long, value_name = "DIR", default_value = "out")]
     out: PathBuf,
-    /// Print a machine-readable summary instead of words
+    /// Print a machine-readable summary instead of text
     #[arg(long)]
     json: bool,
 }
@@ -68,7 +68,7 @@ impl Common {
         self.rig.is_none()
     }
 
-    /// The path of a result, its folder made.
+    /// The path of a result file; creates its folder.
     fn path(&self, file: &str) -> Result<PathBuf, BadInput> {
         std::fs::create_dir_all(&self.out).map_err(|error| {
             let folder = self.out.display().to_string();
@@ -82,7 +82,7 @@ impl Common {
         self.path(&record_name(name))
     }
 
-    /// Writes report.html and prints the summary, in words or as JSON.
+    /// Writes report.html and prints the summary, as text or JSON.
     fn finish(&self, mut report: Report, summary: &impl Serialize) -> Result<(), Failure> {
         let path = self.path("report.html")?;
         report.repeat = vec![this_command()];
@@ -97,12 +97,12 @@ impl Common {
     }
 }
 
-/// What the record of the run `name` is called.
+/// File name of the record of the run `name`.
 fn record_name(name: &str) -> String {
     name.replace(' ', "-") + ".csv"
 }
 
-/// The command that was given, for a shell to repeat.
+/// The command line of this run, quoted for a shell.
 fn this_command() -> String {
     let words = std::env::args_os().map(|word| {
         let word = word.to_string_lossy().into_owned();
@@ -120,12 +120,12 @@ fn this_command() -> String {
 fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.parse() {
         Ok(value) if (min..=max).contains(&value) => Ok(value),
-        // Not as `{}`, which writes out the zeros of 1e-12.
+        // `{}` would write 1e-12 with all its zeros.
         _ => Err(format!("expected a number from {min:?} to {max:?}")),
     }
 }
 
-/// Prints results. A reader that has gone (`| head`) is no error.
+/// Prints results. A closed pipe (`| head`) is not an error.
 fn print(text: &str) -> Result<(), NotWritten> {
     use std::io::{ErrorKind, Write};
     let mut stdout = std::io::stdout();
@@ -141,7 +141,7 @@ fn print(text: &str) -> Result<(), NotWritten> {
 }
 
 fn print_json(summary: &impl Serialize) -> Result<(), NotWritten> {
-    // Summaries are plain structs of numbers and words, which JSON can always hold.
+    // Summaries are plain structs of numbers and strings, which are always valid JSON.
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     print(&(json + "\n"))
 }

@@ -6,7 +6,7 @@ use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::tick::record;
 use hil_sim::paper::paper;
 
-/// The paper's figures and numbers, ours beside what it says
+/// Compare the simulation with the paper's figures and numbers
 #[derive(clap::Args, Default)]
 #[command(after_help = "\
 Examples:

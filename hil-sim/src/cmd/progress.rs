@@ -1,4 +1,4 @@
-//! Progress bars; without the feature `terminal` none are drawn.
+//! Progress bars, drawn only with the feature `terminal`.
 
 #[cfg(feature = "terminal")]
 pub use drawn::Progress;
@@ -17,7 +17,7 @@ mod drawn {
         /// Begins `doing`, of `length` steps.
         pub fn new(doing: &'static str, length: u64) -> Progress {
             let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::hidden());
-            // The template is a constant: it is valid, or the bar has its default look.
+            // The template is constant; if it were invalid, the default style would be used.
             if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %, {eta}") {
                 bar.set_style(style);
             }
@@ -60,7 +60,7 @@ mod drawn {
 
 #[cfg(not(feature = "terminal"))]
 mod hidden {
-    /// Stands for a progress bar that is not drawn.
+    /// Replaces the progress bar, and draws nothing.
     pub struct Progress;
 
     impl Progress {

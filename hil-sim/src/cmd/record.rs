@@ -1,8 +1,8 @@
 //! `hil-sim record`.
 
 use super::Failure;
-use super::board::{Connected, connect, in_words};
-use super::hil::{no_words, words_at_tenths};
+use super::board::{Connected, connect, describe};
+use super::hil::{no_progress, print_tenths};
 use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::bench::hil::{self, Job};
@@ -28,13 +28,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Without a message for so long, what is there is written.
+/// After this time without a message, the rows received so far are written.
 const TICK: Duration = Duration::from_millis(50);
 
-/// Record what a board tells of each tick, until interrupted
+/// Record the telemetry of a board until interrupted
 ///
-/// Writes REC.csv and, with the ending .mcap, the same for Foxglove and PlotJuggler, half a second
-/// at a time: a program that is killed loses no more. A port that is unplugged is waited for.
+/// Writes REC.csv, and the same as .mcap for Foxglove and PlotJuggler, every half second, so that
+/// at most this is lost if the program is killed. If the port is unplugged, waits for it to return.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -56,21 +56,21 @@ pub struct Args {
     /// board is armed
     #[arg(long)]
     from_start: bool,
-    /// Overwrite files that are there
+    /// Overwrite existing files
     #[arg(long)]
     force: bool,
-    /// Play this test signal on the board's muscle (see `hil-sim experiment`) and end with it;
-    /// keep people away from the weight. The board has to allow it: `play_pressure_pa_max` of its
-    /// settings. It says when to shut the shut-off valve (`valve_open` 0) and when to open it
+    /// Play this test signal on the board's muscle (see `hil-sim experiment`) and stop at its end;
+    /// keep people away from the weight. The board's setting `play_pressure_pa_max` must permit it.
+    /// Announces when to shut (`valve_open` 0) and open the shut-off valve
     #[arg(long, value_name = "EXP.csv", conflicts_with = "duration")]
     play: Option<PathBuf>,
-    /// Have the board allow --play its pressures, and forbid it again at the end
+    /// Raise `play_pressure_pa_max` on the board for --play, and restore it at the end
     #[arg(long, requires = "play")]
     write_settings: bool,
-    /// End after so long [s]
+    /// Stop after this time [s]
     #[arg(long, value_name = "S", value_parser = super::between(0.0, 1e9))]
     duration: Option<f64>,
-    /// Print a machine-readable summary instead of words
+    /// Print a machine-readable summary instead of text
     #[arg(long)]
     json: bool,
 }
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return in_the_loop(args, rig, player);
     }
     let mut board = connect(args.port.as_deref())?;
-    let words = in_words(&board.identity);
+    let words = describe(&board.identity);
     eprintln!("board: {words}");
     let values = board.line.settings()?;
     let settings = match &player {
@@ -126,7 +126,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let replayable = listened?;
     let played = player.map(|player| ended(&player));
-    tell(
+    print_summary(
         args,
         &Summary {
             board: words,
@@ -139,14 +139,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     )
 }
 
-fn tell(args: &Args, summary: &Summary) -> Result<(), Failure> {
+fn print_summary(args: &Args, summary: &Summary) -> Result<(), Failure> {
     if args.json {
         super::print_json(summary)?;
     } else {
         let (ticks, record) = (summary.ticks, &summary.record);
         let lost = summary.link.telemetry_lost;
         super::print(&format!(
-            "{ticks} ticks in {record}, {lost} lost on the way.\n"
+            "{ticks} ticks in {record}, {lost} lost in transmission.\n"
         ))?;
         if let Some(played) = &summary.played {
             super::print(&format!("The test signal: {played}.\n"))?;
@@ -158,11 +158,11 @@ fn tell(args: &Args, summary: &Summary) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Measurements cannot be had again: they are not overwritten by mistake.
+/// Refuses to overwrite a record without --force, as a measurement cannot be repeated.
 fn check_name(args: &Args) -> Result<(), BadInput> {
     let bad = |expected: &str| Err(BadInput::file(args.out.display().to_string(), expected));
     if args.out.extension().is_some_and(|ending| ending == "mcap") {
-        return bad("a name for the CSV file: the MCAP file will stand beside it");
+        return bad("a name for the CSV file: the MCAP file is written beside it");
     }
     let inputs = [&args.play, &args.emulated];
     if inputs
@@ -179,12 +179,13 @@ fn check_name(args: &Args) -> Result<(), BadInput> {
     Ok(())
 }
 
-/// The board checks them too: this is another firmware.
+/// The board checks its settings too: an error means that its firmware has other limits.
 fn valid(port: &str, settings: Result<Settings, SettingsError>) -> Result<Settings, BadInput> {
     settings.map_err(|error| BadInput::file(port, format!("a board whose settings pass, {error}")))
 }
 
-/// The settings that let the board play: those that are there, or others if they may be written.
+/// Settings with which the board may play the test signal: its own, or new ones if these may be
+/// written.
 fn allowed(
     args: &Args,
     port: &str,
@@ -210,7 +211,7 @@ fn allowed(
     playing(port, values)
 }
 
-/// Settings with pressures to play.
+/// `values` with the highest pressure of the test signal permitted.
 fn playing(port: &str, values: SettingsValues) -> Result<Settings, BadInput> {
     Settings::new(values).map_err(|error| {
         let asked_pa = values.play_pressure_pa_max;
@@ -219,11 +220,11 @@ fn playing(port: &str, values: SettingsValues) -> Result<Settings, BadInput> {
     })
 }
 
-/// Plays on the emulated board, with the plant of the rig at `path` in its loop.
+/// Plays on the emulated board in closed loop with the plant of the rig at `path`.
 fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure> {
     let rig = Rig::read(path)?;
     let mut board = connect(None)?;
-    let words = in_words(&board.identity);
+    let words = describe(&board.identity);
     eprintln!("board: {words}");
     let own = board.line.settings()?;
     let values = SettingsValues {
@@ -234,7 +235,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     board.line.write_settings(settings.values())?;
     let experiment = Run {
         play: Some(player.clone()),
-        // Without a hand at the lever.
+        // No hand acts on the lever.
         arm_stiffness_n_per_m: 0.0,
         duration_s: CHECKED_S + player.length_s() + 1.0,
         ..Run::PAPER
@@ -245,9 +246,9 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
         settings,
         run: &experiment,
         progress: if is_terminal {
-            words_at_tenths
+            print_tenths
         } else {
-            no_words
+            no_progress
         },
         real_time: false,
     };
@@ -261,7 +262,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
         Some((_, Some(fault))) => format!("ended by a fault, {fault}"),
         _ => "interrupted".into(),
     };
-    tell(
+    print_summary(
         args,
         &Summary {
             board: words,
@@ -274,7 +275,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     )
 }
 
-/// How the test signal ended, in words.
+/// How the test signal ended, as text.
 fn ended(player: &Player) -> String {
     match player.end() {
         Some(End::Played) => "played to its end".into(),
@@ -298,7 +299,7 @@ struct ShutoffValve {
 
 impl ShutoffValve {
     /// Prints the instructions that are new at `tick`, also if ticks were lost.
-    fn tell(&mut self, player: &Player, tick: u32) {
+    fn instruct(&mut self, player: &Player, tick: u32) {
         let verb = |shut: bool| if shut { "shut" } else { "open" };
         let soon = player.is_shut(tick.wrapping_add(AHEAD_TICKS));
         if soon != self.soon {
@@ -322,17 +323,17 @@ impl ShutoffValve {
     }
 }
 
-/// Asks the board for what is due.
+/// Sends the board the request that is due.
 fn play(
     player: &mut Player,
     shutoff_valve: &mut ShutoffValve,
     board: &mut Connected,
-    told: &Telemetry,
+    telemetry: &Telemetry,
 ) -> Result<(), LinkError> {
-    let request = player.request(told.tick, &told.output);
-    // While it vents no instruction is due.
-    if told.output.mode == Mode::Playing {
-        shutoff_valve.tell(player, told.tick);
+    let request = player.request(telemetry.tick, &telemetry.output);
+    // While it vents no action is required.
+    if telemetry.output.mode == Mode::Playing {
+        shutoff_valve.instruct(player, telemetry.tick);
     }
     match request {
         Request::None => Ok(()),
@@ -342,7 +343,8 @@ fn play(
     }
 }
 
-/// Records until the user or the clock ends it; returns whether there is something to replay.
+/// Records until an interrupt or the end of the duration; returns whether the record can be
+/// replayed.
 fn listen(
     args: &Args,
     board: &mut Connected,
@@ -370,15 +372,15 @@ fn listen(
             eprintln!("{line}");
         }
         match message {
-            Some(FromDevice::Telemetry(told)) => {
-                if told.source != Source::Pins {
-                    // No other program has the port: this is the loop of --from-start.
+            Some(FromDevice::Telemetry(telemetry)) => {
+                if telemetry.source != Source::Pins {
+                    // No other program can use the port, so --from-start has selected this source.
                     board.line.send(&ToDevice::Command(Command::LeaveHil))?;
                 }
-                if let (Some(player), Source::Pins) = (&mut *player, told.source) {
-                    play(player, shutoff_valve, board, &told)?;
+                if let (Some(player), Source::Pins) = (&mut *player, telemetry.source) {
+                    play(player, shutoff_valve, board, &telemetry)?;
                 }
-                if let Some(mut row) = timeline.row(&told, elapsed_s) {
+                if let Some(mut row) = timeline.row(&telemetry, elapsed_s) {
                     row.shut = player.as_ref().map(|_| shutoff_valve.now);
                     replayable |= row.start_settings.is_some();
                     recorder.push(&row)?;
@@ -407,7 +409,7 @@ fn listen(
     }
 }
 
-/// A line on the terminal, each second.
+/// The status line on the terminal, updated each second.
 #[derive(Default)]
 struct Progress {
     shown_s: f64,

@@ -1,7 +1,7 @@
 //! `hil-sim replay`.
 
 use super::Failure;
-use super::board::{connect, in_words};
+use super::board::{connect, describe};
 use hil_sim::bench::replay::{Inputs, OnBoard, OnPc, Replay, replay};
 use hil_sim::record::Record;
 use hil_sim::record::mcap;
@@ -9,10 +9,10 @@ use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
-/// Run a record's inputs through the controller again, and compare tick by tick
+/// Repeat a record's inputs with the controller, and compare its outputs tick by tick
 ///
-/// The record holds the controller's settings, and its inputs as counts; every output must come
-/// out the same to the last bit. Without --emulated and --port the controller runs in this program.
+/// The record contains the controller's settings, and its inputs as counts; every output must be
+/// bit-identical. Without --emulated and --port the controller runs in this program.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -23,16 +23,16 @@ pub struct Args {
     /// The record, as CSV or MCAP
     #[arg(value_name = "REC")]
     record: PathBuf,
-    /// On the firmware, on the emulated board
+    /// Run the firmware on the emulated board
     #[arg(long, conflicts_with = "port")]
     emulated: bool,
-    /// On the firmware, on the board at this serial port
+    /// Run the firmware on the board at this serial port
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// Store the record's settings on the board if it has others
+    /// Store the record's settings on the board if its settings differ
     #[arg(long)]
     write_settings: bool,
-    /// Print a machine-readable summary instead of words
+    /// Print a machine-readable summary instead of text
     #[arg(long)]
     json: bool,
 }
@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn on_board(args: &Args, inputs: &Inputs) -> Result<(String, Replay), Failure> {
     let mut board = connect(args.port.as_deref())?;
-    let words = in_words(&board.identity);
+    let words = describe(&board.identity);
     let mut on = OnBoard {
         client: &mut board.line,
         port: &board.port,

@@ -6,7 +6,7 @@ use hil_sim::output::write_atomically;
 use hil_sim::rig::Rig;
 use std::path::PathBuf;
 
-/// Rig files
+/// Create and check rig files
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -19,17 +19,17 @@ pub struct Args {
 
 #[derive(clap::Subcommand)]
 enum Command {
-    /// Write the paper's rig, commented, as a start for your own
+    /// Write the paper's rig with comments, as a template
     #[command(after_help = "Example:\n  hil-sim rig new my-rig.toml")]
     New {
         /// The file to write
         #[arg(default_value = "rig.toml")]
         path: PathBuf,
-        /// Overwrite a file that is there
+        /// Overwrite an existing file
         #[arg(long)]
         force: bool,
     },
-    /// Read a rig file and say what is wrong with it
+    /// Check a rig file and report its errors
     #[command(after_help = "Example:\n  hil-sim rig check my-rig.toml")]
     Check {
         /// The file to read

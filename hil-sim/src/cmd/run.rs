@@ -17,7 +17,7 @@ use hil_sim::rig::Rig;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// The assist experiment: a finger lifts and holds the weight through the muscle
+/// Run the assist experiment: a finger lifts, holds and lowers the weight through the muscle
 ///
 /// Without --rig it runs the paper's Fig 8, with valve A and with valve B.
 #[derive(clap::Args)]
@@ -33,13 +33,14 @@ pub struct Args {
     scenario: Scenario,
 }
 
-/// What the hand does, and what surrounds it.
+/// The motion of the hand, the person's arm and the noise.
 #[derive(clap::Args)]
 pub struct Scenario {
-    /// A record whose column `finger_m` is the finger's path, instead of a scripted one
+    /// A record whose column `finger_m` is the motion of the finger, instead of the parameters
+    /// below
     #[arg(long, value_name = "REC.csv", conflicts_with_all = ["travel", "rise", "hold", "lower"])]
     finger: Option<PathBuf>,
-    /// How far the finger lifts [m]
+    /// Travel of the finger [m]
     #[arg(
         long,
         default_value_t = 0.12,
@@ -47,19 +48,19 @@ pub struct Scenario {
         allow_negative_numbers = true
     )]
     travel: f64,
-    /// How long it takes to lift [s]
+    /// Duration of the lift [s]
     #[arg(long, default_value_t = 1.0, value_parser = between(0.0, 1e3))]
     rise: f64,
-    /// How long it holds [s]
+    /// Duration of the hold [s]
     #[arg(long, default_value_t = 4.0, value_parser = between(0.0, 1e3))]
     hold: f64,
-    /// How long it takes to lower [s]
+    /// Duration of the lowering [s]
     #[arg(long, default_value_t = 1.5, value_parser = between(0.0, 1e3))]
     lower: f64,
-    /// Duration [s]; as long as the finger moves if left out
+    /// Duration [s]; until the end of the finger's motion if omitted
     #[arg(long, value_parser = between(TICK_S, DURATION_S_MAX))]
     duration: Option<f64>,
-    /// Stiffness of the person's arm [N/m]; infinite if left out
+    /// Stiffness of the person's arm [N/m]; infinite if omitted
     #[arg(long, value_parser = between(0.0, 1e5))]
     arm_stiffness: Option<f64>,
     /// Time from sampling to the valve [s], within one tick
@@ -69,7 +70,7 @@ pub struct Scenario {
         value_parser = between(0.0, TICK_S)
     )]
     output_delay: f64,
-    /// Seed of all noise
+    /// Seed of the noise
     #[arg(long, default_value_t = Run::PAPER.seed)]
     pub seed: u64,
 }
@@ -89,13 +90,13 @@ struct RunSummary {
     tracking: Tracking,
     /// The controller's mode at the end.
     mode: Option<String>,
-    /// The fault that it latched.
+    /// The latched fault.
     fault: Option<String>,
     record: String,
 }
 
 impl Scenario {
-    /// The experiment that the arguments ask for.
+    /// The run that the arguments define.
     pub fn experiment(&self) -> Result<Run, BadInput> {
         let (finger, ends_s) = match &self.finger {
             None => {
@@ -133,8 +134,8 @@ impl Scenario {
         })
     }
 
-    /// Refuses to write at `path` where that is the finger's record.
-    pub fn spares(&self, path: &Path) -> Result<(), BadInput> {
+    /// Refuses to overwrite the finger's record with an output at `path`.
+    pub fn refuse_overwriting(&self, path: &Path) -> Result<(), BadInput> {
         match &self.finger {
             Some(finger) if same_file(finger, path) => {
                 let expected = "another --out, as the finger's record would be overwritten";
@@ -158,7 +159,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     for run in &runs {
         let path = common.record_path(&run.name)?;
-        args.scenario.spares(&path)?;
+        args.scenario.refuse_overwriting(&path)?;
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
             name: run.name.clone(),
@@ -173,9 +174,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         verdict: runs.iter().map(AssistRun::verdict).collect(),
         sections: vec![Section {
             heading: "Runs".into(),
-            text: vec![
-                "The controller in these runs is the one that is flashed to the board.".into(),
-            ],
+            text: vec!["The runs use the controller that is flashed to the board.".into()],
             tables: vec![tracking_table(&runs)],
             plots: assist_plots(&runs),
             ..Section::default()

@@ -14,9 +14,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often it is drawn.
+/// Interval between two drawings.
 const FRAME: Duration = Duration::from_millis(50);
-/// A board that is silent for longer is missed.
+/// Time without a message after which the board is reported as not responding.
 const MISSED_AFTER: Duration = Duration::from_millis(500);
 
 /// Shows `view` until `done`; a key sets `stop`.
@@ -27,7 +27,7 @@ pub fn show(view: &Mutex<View>, stop: &AtomicBool, done: &AtomicBool) -> io::Res
     let mut terminal = ratatui::try_init()?;
     let mut shown = || {
         while !done.load(Ordering::Acquire) {
-            // A terminal may be slow: who waits for the lock is in a hurry.
+            // Drawing may be slow, and the real-time loop waits for the lock.
             let snapshot = view.lock().map(|view| view.clone());
             if let Ok(snapshot) = snapshot {
                 terminal.draw(|frame| draw(frame, &snapshot))?;

@@ -6,22 +6,22 @@ use hil_sim::bench::settings_file;
 use hil_sim::output::write_atomically;
 use std::path::PathBuf;
 
-/// Read a board's settings, or store others on it
+/// Read the settings of a board, or store new ones on it
 ///
-/// As TOML. Without --out they are printed.
+/// The format is TOML. Without --out the settings are printed.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   hil-sim settings --port /dev/ttyACM0 --out board.toml
   hil-sim settings --port /dev/ttyACM0 --write compensation/settings.toml")]
 pub struct Args {
-    /// The board's serial port; the emulated board if left out
+    /// The board's serial port; the emulated board if omitted
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// Store these settings on the board; it refuses while it assists
+    /// Store these settings on the board, which refuses while it assists
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
-    /// The file to write those of the board to
+    /// The file to write the settings to
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

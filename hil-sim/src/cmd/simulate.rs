@@ -11,12 +11,12 @@ use hil_sim::rig::Rig;
 use muscle_plant::simulation::TOLERANCE;
 use std::path::{Path, PathBuf};
 
-/// Run the plant from a record's inputs alone
+/// Simulate the plant with the inputs of a record
 ///
 /// With a column `pressure_ref_pa` valve and gas are simulated, without it the measured pressure is
 /// the input. With `load.kind = "prescribed"` the measured contraction is an input too. The initial
-/// state is estimated from the record's first second. What else was measured is compared with what
-/// was simulated.
+/// state is estimated from the record's first second. The other measured
+/// signals are compared with the simulated ones.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:
@@ -28,21 +28,21 @@ pub struct Args {
     /// The record whose inputs are used
     #[arg(long, value_name = "REC.csv")]
     drive: PathBuf,
-    /// The record to write, with the same columns on the same times
+    /// The record to write, with the same columns at the same times
     #[arg(long, value_name = "SIM.csv")]
     out: PathBuf,
     /// A report to write, with the measured signals beside the simulated ones
     #[arg(long, value_name = "REPORT.html")]
     report: Option<PathBuf>,
-    /// Print the gaps as JSON instead of words
+    /// Print the gaps as JSON instead of text
     #[arg(long)]
     json: bool,
-    /// Local error allowed a step, relative to each quantity's range
+    /// Permitted local error per step, relative to the range of each quantity
     #[arg(long, default_value_t = TOLERANCE, value_parser = between(1e-12, 1e-2))]
     tolerance: f64,
 }
 
-/// Refuses outputs that would take the place of an input or of each other, or have no folder.
+/// Refuses outputs that would overwrite an input or each other, or have no folder.
 fn check_outputs(args: &Args) -> Result<(), BadInput> {
     let bad = |path: &Path, expected: &str| {
         let file = path.display().to_string();

@@ -1,8 +1,8 @@
-//! Designing the circuit: the plant linearised at an equilibrium (Eqs 10 and 11), the flow gain a
-//! valve must have, and how stiff the input may be.
+//! Design of the circuit: the plant linearised at an equilibrium (Eqs 10 and 11), the required flow
+//! gain of the valve, and the permitted stiffness of the input.
 //!
-//! "Human feels strange" when F lags F_c. The paper's condition against it: the pressure control
-//! (G, bandwidth ω₁) must be faster than the weight on the muscle's own stiffness (H, ω₂).
+//! If F lags F_c, "human feels strange". To avoid this, the paper requires that the pressure
+//! control (G, bandwidth ω₁) is faster than the weight on the stiffness of the muscle (H, ω₂).
 
 pub mod bode;
 pub mod report;
@@ -19,8 +19,8 @@ use muscle_plant::subsystem::load::{GRAVITY_M_PER_S2, Motion};
 use nalgebra::{Complex, Matrix4, SMatrix, Schur, Vector4};
 use serde::Serialize;
 
-/// The circuit at rest with the weight hanging free, friction left out, linearised: what Eqs 10
-/// and 11 are made of.
+/// Linearisation of the circuit at an equilibrium with a freely hanging weight and without
+/// friction: the quantities of Eqs 10 and 11.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Linearisation {
     /// Equilibrium pressure P_o (gauge) \[Pa\].
@@ -39,7 +39,7 @@ pub struct Linearisation {
     pub force_per_pressure_m2: f64,
     /// f_c = −∂F/∂ε \[N\].
     pub stiffness_n: f64,
-    /// κ V_c P_o/V_o \[Pa\], P_o absolute: how much pressure a contraction costs.
+    /// κ V_c P_o/V_o \[Pa\], P_o absolute: the pressure drop per contraction.
     pub compression_pa: f64,
     /// f_p/(M L) \[1/(Pa·s²)\].
     pub lift_per_pa_s2: f64,
@@ -48,7 +48,7 @@ pub struct Linearisation {
 }
 
 /// Contraction at which a muscle under `pressure` carries `mass_kg` \[-\], Eq 1 solved for ε;
-/// `None` where it lifts nothing (ε < 0) or pulls past full contraction.
+/// `None` if it does not lift the mass (ε < 0) or would contract completely.
 pub fn equilibrium(muscle: &Muscle<f64>, pressure: GaugePa<f64>, mass_kg: f64) -> Option<f64> {
     let force_n = mass_kg * GRAVITY_M_PER_S2;
     let squared = ((force_n - muscle.gamma_n) / pressure.0 - muscle.beta_m2) / muscle.alpha_m2;
@@ -70,7 +70,7 @@ pub fn weight(rig: &Rig) -> Result<&Weight, BadInput> {
     }
 }
 
-/// The linearisation of `rig`'s circuit at an equilibrium pressure with a mass, or `None` where
+/// The linearisation of `rig`'s circuit at an equilibrium pressure with a mass, or `None` if
 /// there is no such equilibrium.
 ///
 /// # Errors
@@ -134,7 +134,7 @@ impl Linearisation {
 }
 
 /// Rates of the four nominal states, linearised numerically at the equilibrium: ∂ẏ/∂y, ∂ẏ/∂P_r.
-/// Friction and the rig's effects are left out, the muscle charges.
+/// Without friction and the rig's effects, while the muscle charges.
 ///
 /// # Errors
 /// As [`linearise`].
@@ -160,7 +160,7 @@ pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<
         };
         Vector4::from(plant.rates(0.0, &drive, regime, state))
     };
-    // Central differences: the equations are quadratic at most about here, so steps may be large.
+    // Central differences: the equations are at most quadratic here, so steps may be large.
     let steps = [1e-5, 1e-4, 10.0, 1e-2];
     let mut by_state = Matrix4::zeros();
     for (column, step) in steps.into_iter().enumerate() {
@@ -176,20 +176,20 @@ pub fn jacobian(rig: &Rig, at: &Linearisation) -> Result<(Matrix4<f64>, Vector4<
     Ok((by_state, (above - below) / (2.0 * step)))
 }
 
-/// More than the poles of any loop of five states take.
+/// Limit of the iterations for the poles, more than any loop of five states needs.
 const ITERATIONS_MAX: usize = 10_000;
 
-/// Largest modulus of the sampled closed loop's poles at an equilibrium: below 1 it is stable.
+/// Spectral radius of the sampled closed loop at an equilibrium; the loop is stable below 1.
 ///
 /// The loop is Eqs 6–8 every `period_s` with a zero-order hold and `delay_ticks` (0 or 1) whole
-/// ticks of delay, around the plant of [`jacobian`]. Infinite where there are no finite poles.
+/// ticks of delay, around the plant of [`jacobian`]. Infinite if a pole is not finite.
 fn spectral_radius(
     (by_state, by_reference): &(Matrix4<f64>, Vector4<f64>),
     feedback_pa: f64,
     period_s: f64,
     delay_ticks: usize,
 ) -> f64 {
-    // [A B; 0 0] exponentiated gives the held plant's two matrices at once.
+    // The exponential of [A B; 0 0] contains both matrices of the plant with a zero-order hold.
     let mut joint = SMatrix::<f64, 5, 5>::zeros();
     joint
         .fixed_view_mut::<4, 4>(0, 0)
@@ -211,7 +211,7 @@ fn spectral_radius(
             loop_matrix[(row, CONTRACTION)] += input[row] * feedback_pa;
         }
     } else {
-        // The fifth state is the reference that was computed one tick ago.
+        // The fifth state is the reference of the previous tick.
         loop_matrix.fixed_view_mut::<4, 1>(0, 4).copy_from(&input);
         loop_matrix[(4, CONTRACTION)] = feedback_pa;
     }
@@ -224,12 +224,13 @@ fn spectral_radius(
     })
 }
 
-/// The products K_s·K that are looked at \[N/m\]. Below them the delayed law takes away more of the
-/// muscle's stiffness than the lever gives, and only friction holds the weight.
+/// Examined range of K_s·K \[N/m\]. Below it the delayed control law reduces the stiffness of the
+/// muscle by more than the lever adds, and only friction holds the weight.
 pub const STIFFNESS_GAIN_N_PER_M: std::ops::RangeInclusive<f64> = 20.0..=2e6;
 
 /// The largest product K_s·K \[N/m\] with which the sampled loop is stable at the equilibrium, to
-/// 0.1 %: 0 if it is not at the least of [`STIFFNESS_GAIN_N_PER_M`], `None` if it is at any.
+/// 0.1 %: 0 if it is unstable at the lowest of [`STIFFNESS_GAIN_N_PER_M`], `None` if it is stable
+/// at all of them.
 ///
 /// # Errors
 /// As [`linearise`].
@@ -243,8 +244,8 @@ pub fn stiffness_gain_limit_n_per_m(
     let jacobian = jacobian(rig, at)?;
     let travel_m = assist.lever_travel_m(rig.nominal.muscle.initial_length_m);
     let stable = |stiffness_gain_n_per_m: f64| {
-        // dP_r/dε of Eqs 6–8 at P_r = P: the law undoes the muscle's own stiffness f_c, and adds
-        // the lever's.
+        // dP_r/dε of Eqs 6–8 at P_r = P: the control law cancels the stiffness f_c of the muscle
+        // and adds that of the lever.
         let lever_n = stiffness_gain_n_per_m * travel_m;
         let feedback_pa = (at.stiffness_n - lever_n) / at.force_per_pressure_m2;
         spectral_radius(&jacobian, feedback_pa, period_s, delay_ticks) < 1.0
@@ -253,7 +254,7 @@ pub fn stiffness_gain_limit_n_per_m(
     if !stable(low) {
         return Ok(Some(0.0));
     }
-    // Upwards in steps of 5 %: the first loss of stability counts, whatever comes after it.
+    // Upwards in steps of 5 %, up to the first loss of stability.
     let mut high = 1.05 * low;
     while stable(high) {
         (low, high) = (high, high * 1.05);

@@ -1,4 +1,4 @@
-//! Which valve must I buy? The linearised circuit over a range of pressures and loads.
+//! Required flow gain of the valve: the linearised circuit over a range of pressures and loads.
 
 use super::bode::{bode, linspace};
 use crate::bench::tick::TICK_S;
@@ -9,52 +9,53 @@ use crate::rig::{MASS_KG, Rig};
 use model_core::pressure::GaugePa;
 use serde::Serialize;
 
-/// What is asked.
+/// The range of equilibria to examine.
 #[derive(Clone, Debug, Default)]
 pub struct Question {
-    /// Lowest equilibrium pressure (gauge) \[Pa\]; a tenth of the supply if none.
+    /// Lowest equilibrium pressure (gauge) \[Pa\]; a tenth of the supply if `None`.
     pub pressure_pa_min: Option<f64>,
     /// Highest equilibrium pressure (gauge) \[Pa\]; the supply if none.
     pub pressure_pa_max: Option<f64>,
-    /// Masses \[kg\]; the rig's if none.
+    /// Masses \[kg\]; the rig's if empty.
     pub masses_kg: Vec<f64>,
 }
 
-/// The answer.
+/// The result of the design.
 #[derive(Clone, Debug, Serialize)]
 pub struct Answer {
-    /// The largest flow gain that any equilibrium needs \[kg/(Pa·s)\].
+    /// The largest flow gain that any equilibrium requires \[kg/(Pa·s)\].
     pub flow_gain_needed_kg_per_pa_s: f64,
-    /// Where it is needed.
+    /// The equilibrium that requires it.
     pub worst: Linearisation,
-    /// The rig's valve \[kg/(Pa·s)\].
+    /// Flow gain of the rig's valve \[kg/(Pa·s)\].
     pub flow_gain_kg_per_pa_s: f64,
-    /// It is enough everywhere.
+    /// Whether it is sufficient at all equilibria.
     pub sufficient: bool,
-    /// Stability limits of K_s·K, worst over the equilibria; none where there is no lever.
+    /// Stability limits of K_s·K, the lowest over the equilibria; `None` if there is no lever.
     pub stiffness_gain_limits: Option<StiffnessLimits>,
-    /// Every equilibrium that was looked at.
+    /// All examined equilibria.
     pub equilibria: Vec<Linearisation>,
 }
 
-/// The largest K_s·K with which the sampled loop is stable: 0 if none is, `None` if any is.
+/// The largest K_s·K with which the sampled loop is stable: 0 if it is stable with none, `None` if
+/// with all.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct StiffnessLimits {
-    /// When the valve gets its command at once \[N/m\].
+    /// Without delay of the valve's reference \[N/m\].
     pub without_delay_n_per_m: Option<f64>,
-    /// When it gets it a tick later \[N/m\].
+    /// With a delay of one tick \[N/m\].
     pub with_one_tick_n_per_m: Option<f64>,
 }
 
-/// Equilibria looked at, per mass.
+/// Number of examined equilibria per mass.
 const PRESSURES: usize = 41;
-/// Those of them at which the stability limit is computed.
+/// Number of those at which the stability limit is computed.
 const STABILITY_STRIDE: usize = 5;
 
-/// Answers `question` for `rig`, with the report.
+/// The design of `rig` for the equilibria of `question`, with its report.
 ///
 /// # Errors
-/// The rig lacks a section, or the question makes no sense for it.
+/// The rig lacks a section, or has no equilibrium in the range.
 pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer), BadInput> {
     let weight_kg = design::weight(rig)?.mass_kg;
     let valve = *rig.require_valve()?;
@@ -68,7 +69,7 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
         expected,
     };
     if !(min_pa > 0.0 && min_pa < max_pa && max_pa <= 1e8) {
-        let expected = format!("pressures that rise from above 0, found {min_pa} to {max_pa} Pa");
+        let expected = format!("increasing pressures above 0, found {min_pa} to {max_pa} Pa");
         return Err(asked("--pressure-min", expected));
     }
     let masses_kg = match question.masses_kg.as_slice() {
@@ -129,7 +130,7 @@ fn stiffness_limits(
     }))
 }
 
-/// The answer in words.
+/// The result as sentences.
 fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
     let (has, needs) = (
         answer.flow_gain_kg_per_pa_s,
@@ -143,11 +144,11 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
     };
     let mut verdict = vec![
         format!(
-            "Buy a valve with a flow gain of at least {needs:.1e} kg/(Pa·s): \
+            "The valve needs a flow gain of at least {needs:.1e} kg/(Pa·s): \
              the rig's {has:.1e} {enough}."
         ),
         format!(
-            "The hardest point is {:.0} kPa with {:.1} kg, ω₂ = {:.2} Hz.",
+            "This is required at {:.0} kPa with {:.1} kg, where ω₂ = {:.2} Hz.",
             worst.pressure_pa / 1e3,
             worst.mass_kg,
             worst.omega2_rad_per_s / (2.0 * std::f64::consts::PI)
@@ -158,12 +159,12 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
         verdict.push(stability(limits, product_n_per_m));
     }
     if !rig.effects.is_empty() {
-        verdict.push("This is the nominal circuit: the rig's effects are left out.".into());
+        verdict.push("The design uses the nominal circuit, without the rig's effects.".into());
     }
     verdict
 }
 
-/// How stiff the input may be, and how stiff × gain the rig's is, in words.
+/// The stability limits and the K_s·K of the rig as a sentence.
 fn stability(limits: &StiffnessLimits, product_n_per_m: f64) -> String {
     let up_to = |limit: Option<f64>| match limit {
         None => "at any K_s·K".to_owned(),
@@ -172,7 +173,7 @@ fn stability(limits: &StiffnessLimits, product_n_per_m: f64) -> String {
     };
     let below = |limit: Option<f64>| limit.is_none_or(|limit| product_n_per_m < limit);
     let stable = if product_n_per_m < *design::STIFFNESS_GAIN_N_PER_M.start() {
-        "is too soft to tell"
+        "is below the examined range"
     } else if below(limits.with_one_tick_n_per_m) {
         "is stable"
     } else if below(limits.without_delay_n_per_m) {
@@ -188,7 +189,7 @@ fn stability(limits: &StiffnessLimits, product_n_per_m: f64) -> String {
     )
 }
 
-/// Needed flow gain and natural frequency over the equilibrium pressure, a line a mass.
+/// Required flow gain and natural frequency over the equilibrium pressure, one line per mass.
 fn plots(masses_kg: &[f64], answer: &Answer) -> Vec<Plot> {
     let of_mass = |mass_kg: f64, value: fn(&Linearisation) -> f64| {
         let points = answer
@@ -226,7 +227,7 @@ fn plots(masses_kg: &[f64], answer: &Answer) -> Vec<Plot> {
     });
     let natural = over_pressure(
         "Natural frequency of the weight on the muscle",
-        "ω₂ rises with the pressure: the muscle is a spring whose stiffness is its pressure.",
+        "ω₂ rises with the pressure, as the stiffness of the muscle does.",
         Axis::new("ω₂/2π", "Hz", 1.0 / (2.0 * std::f64::consts::PI)),
         |linear| linear.omega2_rad_per_s,
     );
@@ -244,7 +245,7 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
         verdict: verdict(rig, answer),
         sections: vec![
             Section {
-                heading: "Which valve must I buy?".into(),
+                heading: "Required flow gain of the valve".into(),
                 text: vec![
                     "The person feels a delay unless the pressure control (G, bandwidth ω₁) is \
                      faster than the weight on the muscle's own stiffness (H, natural frequency \
@@ -256,7 +257,9 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
                 ..Section::default()
             },
             Section {
-                heading: "Frequency responses at the hardest point".into(),
+                heading:
+                    "Frequency responses at the equilibrium that requires the highest flow gain"
+                        .into(),
                 plots: bode(&lines),
                 ..Section::default()
             },
@@ -265,7 +268,7 @@ fn report(rig: &Rig, masses_kg: &[f64], answer: &Answer) -> Report {
     }
 }
 
-/// Every fifth equilibrium in numbers.
+/// A table of every fifth equilibrium.
 fn table(equilibria: &[Linearisation]) -> Table {
     let row = |linear: &Linearisation| {
         let hz = |omega: f64| format!("{:.2} Hz", omega / (2.0 * std::f64::consts::PI));

@@ -1,49 +1,51 @@
-//! Controllers that lack one safety function, to show that it is needed.
+//! Ablation: controllers without one of the safety functions, to show that it is needed.
 //!
-//! The board's controller has no such switch. [`AblatedController`] composes the same steps of
-//! model-core, and between two of them widens a limit or drops a finding.
+//! The board's controller cannot switch a safety function off. [`AblatedController`] composes the
+//! same steps of model-core, and between two of them widens a limit or drops a finding.
 
 use model_core::analysis::{ReadingLimits, analyse};
 use model_core::command::{Target, act};
 use model_core::controller::Control;
-use model_core::io::{Output, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::settings::Settings;
 use model_core::state::{Memory, Recalled, State};
 use model_core::supervisor::{Findings, Mode, decide};
 
-/// The safety functions, as docs/safety.md lists them: what keeps a single fault from hurting the
+/// The safety functions, as listed in docs/safety.md. They prevent that a single fault hurts a
 /// person.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SafetyFunction {
-    /// A reading at an end of its scale, or beyond physics, is not used.
+    /// A reading at an end of its scale, or one that is physically impossible, is not used.
     SensorRange,
     /// A reading that jumps is not used.
     SensorStep,
-    /// A reading that stands still although it must not is not used.
+    /// A reading that stays constant for too long is not used.
     SensorStuck,
-    /// The pressure follows its reference, below its trip level.
+    /// A pressure that does not follow its reference, or exceeds its trip level, is a fault.
     PressureWatch,
-    /// Pressure, contraction and load are in balance, within the stroke.
+    /// A force that does not balance the load, or a contraction above the stroke, is a fault.
     WeightWatch,
-    /// The weight's speed has a trip level.
+    /// A weight that is faster than the trip level is a fault.
     SpeedTrip,
-    /// The reference moves no faster than the weight may.
+    /// The rate of the reference is limited to the permitted speed of the weight.
     ReferenceSpeed,
-    /// The weight is let down at a limited rate.
+    /// The weight is lowered at a limited rate.
     VentRamp,
     /// Missed ticks are a fault.
     MissedTicks,
-    /// Without a request the muscle has no pressure, and does not lift.
+    /// Pressure or a lifted weight without a request is a fault.
     RestWatch,
-    /// Assistance begins on a muscle that is vented and still, with a lever that is let go.
+    /// Assistance begins only if the muscle is vented and at rest and the lever is released.
     SelfCheck,
-    /// A flipped bit is outvoted, and ends the assistance.
+    /// A flipped bit is corrected by a majority of copies, and is a fault.
     MemoryVote,
+    /// The emergency stop lets the weight down, and nothing begins while it is open.
+    EmergencyStop,
 }
 
 impl SafetyFunction {
     /// All safety functions.
-    pub const ALL: [SafetyFunction; 12] = [
+    pub const ALL: [SafetyFunction; 13] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
@@ -56,6 +58,7 @@ impl SafetyFunction {
         SafetyFunction::RestWatch,
         SafetyFunction::SelfCheck,
         SafetyFunction::MemoryVote,
+        SafetyFunction::EmergencyStop,
     ];
 
     /// The name on the command line and in JSON.
@@ -73,6 +76,7 @@ impl SafetyFunction {
             SafetyFunction::RestWatch => "RestWatch",
             SafetyFunction::SelfCheck => "SelfCheck",
             SafetyFunction::MemoryVote => "MemoryVote",
+            SafetyFunction::EmergencyStop => "EmergencyStop",
         }
     }
 
@@ -88,12 +92,12 @@ impl SafetyFunction {
 #[derive(Clone, Debug)]
 pub struct AblatedController {
     memory: Memory,
-    /// None only in the test that compares this composition with the board's.
+    /// `None` only in the test that compares this composition with the board's controller.
     without: Option<SafetyFunction>,
 }
 
 impl AblatedController {
-    /// A controller that lacks `function` and begins with its self-check.
+    /// A controller without `function`, before its self-check.
     pub fn new(settings: Settings, function: SafetyFunction) -> AblatedController {
         AblatedController {
             memory: Memory::new(settings),
@@ -101,7 +105,7 @@ impl AblatedController {
         }
     }
 
-    /// Without the vote the first copy counts, damaged or not.
+    /// Recalls the memory; without the majority vote from the first copy, damaged or not.
     fn recall(&self) -> Recalled {
         if self.without != Some(SafetyFunction::MemoryVote) {
             return self.memory.recall();
@@ -147,6 +151,14 @@ impl AblatedController {
             }
             (Some(SafetyFunction::SpeedTrip), _) => findings.too_fast = false,
             (Some(SafetyFunction::MissedTicks), _) => findings.ticks_missed = false,
+            (Some(SafetyFunction::EmergencyStop), _)
+                if matches!(
+                    findings.request,
+                    Request::Stop | Request::StopContactsDiffer
+                ) =>
+            {
+                findings.request = Request::None;
+            }
             (Some(SafetyFunction::RestWatch), Mode::SelfCheck) => findings.uncommanded = false,
             (Some(SafetyFunction::RestWatch), _) => {
                 findings.uncommanded = false;
@@ -165,7 +177,7 @@ impl AblatedController {
             Some(SafetyFunction::WeightWatch) => target.may_only_fall = false,
             Some(SafetyFunction::ReferenceSpeed) => target.rate_pa_per_s_max = f32::MAX,
             Some(SafetyFunction::VentRamp) if state.mode == Mode::Venting => {
-                // At the end of the ramp at once.
+                // Skips the ramp.
                 state.pressure_ref_pa = 0.0;
             }
             _ => {}
@@ -219,9 +231,9 @@ mod tests {
         outputs
     }
 
-    /// What the campaign shows by leaving a function out is then true of the board's controller.
+    /// So the results without one function hold for the board's controller without it.
     #[test]
-    fn composition_with_every_function_ticks_as_the_board_does() {
+    fn composition_of_all_functions_equals_the_boards_controller() {
         for number in 0..KINDS.len() as u64 {
             let case = Case::new(4, number);
             let (settings, _) = settings(&case).expect("the reference rig fits a board");
@@ -231,14 +243,15 @@ mod tests {
             };
             let board = outputs(&case, &settings, Controller::new(settings));
             let composed = outputs(&case, &settings, complete);
-            assert!(board == composed, "case {number}: {}", case.words());
+            assert!(board == composed, "case {number}: {}", case.description());
         }
     }
 
     #[test]
     fn names_are_those_of_the_command_line() {
         let names = "SensorRange SensorStep SensorStuck PressureWatch WeightWatch SpeedTrip \
-                     ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote";
+                     ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote \
+                     EmergencyStop";
         assert!(
             names
                 .split(' ')

@@ -1,4 +1,4 @@
-//! What the pins and the link get: the truth, or what a fault makes of it.
+//! Signals at the pins and bytes on the link, correct or changed by a fault.
 
 use super::Case;
 use super::kind::{Inject, Instrument, LinkFault};
@@ -11,18 +11,20 @@ use model_core::signal::{AdcCount, COUNT_MAX, EncoderCount};
 use rand::{Rng, RngExt};
 use std::ops::RangeInclusive;
 
-/// An amplifier ends 5 mV short of its rails \[counts\], with a count of the converter's noise.
-const SWING: RangeInclusive<f64> = 6.0..=4089.0;
+/// Output range of an amplifier that saturates 5 mV from its rails \[counts\]; one count of the
+/// converter's noise is added.
+const OUTPUT_RANGE: RangeInclusive<f64> = 6.0..=4089.0;
 
-/// The electrical side: what the pins get of the plant.
+/// The instruments and their electronics, between the plant and the pins.
 pub(super) struct Instruments<'a> {
     values: &'a SettingsValues,
     inject: Inject,
     size: f64,
-    /// Readings in physical units and counts when the fault fell.
+    /// Counts of the analog inputs and of the encoder when the fault occurred.
     frozen: Option<([u16; 2], i64)>,
-    /// Counts that the encoder has lost, and its last true count.
+    /// Counts that the encoder has lost.
     lost: f64,
+    /// The encoder's last true count.
     last: i64,
 }
 
@@ -38,7 +40,8 @@ impl<'a> Instruments<'a> {
         }
     }
 
-    /// The pins, `since_s` after the fault where it has fallen.
+    /// The pins for the true finger force \[N\], pressure \[Pa\] and travel \[m\], at `since_s`
+    /// after the fault if it has occurred.
     pub(super) fn pins(
         &mut self,
         truth: [f64; 3],
@@ -47,18 +50,18 @@ impl<'a> Instruments<'a> {
     ) -> Pins {
         let size = self.size;
         let mut truth = truth;
-        let place = |instrument| match instrument {
+        let index = |instrument| match instrument {
             Instrument::Bridge => 0,
             Instrument::Pressure => 1,
             Instrument::Encoder => 2,
         };
         if let Some(since_s) = since_s {
             match self.inject {
-                Inject::Drift(instrument) => truth[place(instrument)] += size * since_s,
-                Inject::Noise(instrument) => truth[place(instrument)] += size * normal(),
-                Inject::AnalogGain(instrument) => truth[place(instrument)] *= size,
-                Inject::Reversed(instrument) => truth[place(instrument)] *= -1.0,
-                Inject::Jump(instrument) => truth[place(instrument)] += size,
+                Inject::Drift(instrument) => truth[index(instrument)] += size * since_s,
+                Inject::Noise(instrument) => truth[index(instrument)] += size * normal(),
+                Inject::AnalogGain(instrument) => truth[index(instrument)] *= size,
+                Inject::Reversed(instrument) => truth[index(instrument)] *= -1.0,
+                Inject::Jump(instrument) => truth[index(instrument)] += size,
                 _ => {}
             }
         }
@@ -72,23 +75,24 @@ impl<'a> Instruments<'a> {
         let moved = encoder - std::mem::replace(&mut self.last, encoder);
         if since_s.is_some() {
             let flicker = |normal: f64| (size * normal).round() as i64;
-            let (frozen, home) = *self.frozen.get_or_insert((adc, encoder));
+            let (frozen, frozen_encoder) = *self.frozen.get_or_insert((adc, encoder));
             match self.inject {
                 Inject::Reading(instrument, noise) => {
                     let count = size + noise * normal();
-                    adc[place(instrument)] = count.round().clamp(0.0, COUNT_MAX.into()) as u16;
+                    adc[index(instrument)] = count.round().clamp(0.0, COUNT_MAX.into()) as u16;
                 }
                 Inject::Drift(instrument) => {
-                    let count = f64::from(adc[place(instrument)]);
-                    if !SWING.contains(&count) {
-                        let count = count.clamp(*SWING.start(), *SWING.end()) + normal();
-                        adc[place(instrument)] = count.round() as u16;
+                    let count = f64::from(adc[index(instrument)]);
+                    if !OUTPUT_RANGE.contains(&count) {
+                        let count =
+                            count.clamp(*OUTPUT_RANGE.start(), *OUTPUT_RANGE.end()) + normal();
+                        adc[index(instrument)] = count.round() as u16;
                     }
                 }
-                Inject::Freeze(Instrument::Encoder) => encoder = home + flicker(normal()),
+                Inject::Freeze(Instrument::Encoder) => encoder = frozen_encoder + flicker(normal()),
                 Inject::Freeze(instrument) => {
-                    let count = i64::from(frozen[place(instrument)]) + flicker(normal());
-                    adc[place(instrument)] = count.clamp(0, COUNT_MAX.into()) as u16;
+                    let count = i64::from(frozen[index(instrument)]) + flicker(normal());
+                    adc[index(instrument)] = count.clamp(0, COUNT_MAX.into()) as u16;
                 }
                 Inject::EncoderLoses => self.lost += size * moved as f64,
                 _ => {}
@@ -99,11 +103,12 @@ impl<'a> Instruments<'a> {
             pressure: AdcCount(adc[1]),
             encoder: EncoderCount((encoder - self.lost.round() as i64) as i32 as u32),
             button_pressed: false,
+            stop_open: [false; 2],
         }
     }
 }
 
-/// Bytes on the link in a tick of a broken one.
+/// Bytes that arrive in one tick over a faulty link; `first` in the tick in which the fault occurs.
 pub(super) fn noise_on_link(
     fault: LinkFault,
     size: f64,
@@ -131,16 +136,16 @@ pub(super) fn noise_on_link(
         }
         LinkFault::Corrupted => {
             for _ in 0..size as usize {
-                let asked = [
+                let requests = [
                     Request::Assist,
                     Request::Reset,
                     Request::Hold,
                     Request::Vent,
                 ];
-                let asked = asked[random.random_range(0..asked.len())];
-                let mut damaged = frame(&ToDevice::Command(Command::Request(asked)));
-                let place = random.random_range(0..damaged.len());
-                damaged[place] ^= random.random_range(1..=u8::MAX);
+                let request = requests[random.random_range(0..requests.len())];
+                let mut damaged = frame(&ToDevice::Command(Command::Request(request)));
+                let position = random.random_range(0..damaged.len());
+                damaged[position] ^= random.random_range(1..=u8::MAX);
                 bytes.extend(damaged);
                 bytes.extend((0..random.random_range(0..8)).map(|_| random.random::<u8>()));
             }

@@ -1,11 +1,11 @@
-//! Every fault of the campaign: what breaks, in which sizes, and what then decides.
+//! The kinds of fault of the campaign: what is injected, in which sizes, and which bounds hold.
 
 use super::Moment;
-use Decides::{Controller, Physics};
 use Inject::{
     AnalogGain, Dac, Damage, Drift, EncoderLoses, Freeze, Hang, Healthy, HoseOff, Jump, Leak,
     Lever, Link, Load, Noise, Reading, Reversed, Settings, Supply, Ticks, Valve,
 };
+use LimitedBy::{Controller, Physics};
 use model_core::plausibility::Doubt;
 use model_core::supervisor::Fault;
 
@@ -20,113 +20,116 @@ pub enum Instrument {
     Encoder,
 }
 
-/// What happens to the ticks.
+/// A fault of the ticks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TickFault {
-    /// Each valve output comes later, by the size \[s\].
+    /// Each valve output is late by the size \[s\].
     Late,
-    /// So many do not happen, once.
+    /// The size is the number of consecutive ticks that are missed, once.
     Missed,
-    /// Every second one does not happen, so many times.
+    /// Every second tick is missed; the size is the number of missed ticks.
     Halting,
-    /// The period is longer by this ratio.
+    /// The size is the relative error of the period.
     Clock,
 }
 
-/// What happens on the link.
+/// A fault of the link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFault {
-    /// Valid messages without end: none that a person would send.
+    /// Continuous valid messages, none of them a person's request.
     Flooded,
     /// Frames with flipped bytes, and noise.
     Corrupted,
-    /// A frame is cut, and nothing follows.
+    /// The connection ends within a frame.
     Cut,
 }
 
-/// What happened to the stored settings before the start.
+/// A fault of the stored settings before the start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsFault {
-    /// So many bits have flipped.
+    /// The size is the number of flipped bits.
     Flipped,
-    /// The last write ended after this share.
+    /// The last write ended after this share of its bytes.
     HalfWritten,
     /// They are of another version.
     OtherVersion,
     /// The flash is erased.
     Erased,
-    /// Power was lost while the sector was erased, after this share of its cells.
+    /// Power was lost while the sector was erased; the size is the share of erased cells.
     CutWhileErasing,
 }
 
-/// What is done to the controller's memory.
+/// The part of the device's memory in which a bit flips.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Memory {
-    /// A bit of a copy of the state.
+    /// One copy of the controller's state.
     State,
-    /// A bit of a copy of the settings.
+    /// One copy of the settings.
     Settings,
-    /// A copy of whether hardware in the loop is on.
+    /// One copy of the flag that switches hardware in the loop on.
     Hil,
 }
 
-/// A fault, its size apart.
+/// An injected fault, without its size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Inject {
-    /// Nothing: a rig within its tolerances, with one of the catalogue's effects.
+    /// No fault: a rig within its tolerances, with one of the catalogue's effects.
     Healthy,
-    /// The converter reads this count whatever it measures, so many counts of noise on it.
+    /// The converter reads the size as a constant count, with noise of this RMS \[counts\].
     Reading(Instrument, f64),
-    /// The reading stays where it is, this many counts of noise on it.
+    /// The reading stays constant; the size is the RMS of its noise \[counts\].
     Freeze(Instrument),
-    /// The reading runs away at so many units (N, Pa, m) a second.
+    /// The reading drifts; the size is the rate in the instrument's unit (N, Pa, m) per second.
     Drift(Instrument),
-    /// Noise of so many units rms.
+    /// Added noise; the size is its RMS in the instrument's unit.
     Noise(Instrument),
-    /// The reading is the truth times this.
+    /// The size is the gain of the reading relative to the correct one.
     AnalogGain(Instrument),
     /// The reading's sign is reversed.
     Reversed(Instrument),
-    /// The reading jumps by this.
+    /// The reading jumps by the size, in the instrument's unit.
     Jump(Instrument),
-    /// The encoder loses this share of its counts.
+    /// The size is the share of its counts that the encoder loses.
     EncoderLoses,
-    /// The valve acts on this share of the supply, whatever it is told; below 0 it is shut.
+    /// The valve ignores its reference: it controls the pressure to this share of the supply, or
+    /// is shut if the size is below 0.
     Valve,
-    /// The valve follows with this time constant \[s\].
+    /// The size is the valve's time constant \[s\].
     ValveSlow,
-    /// Air leaves the muscle: conductance \[kg/(Pa·s)\].
+    /// The muscle leaks; the size is the conductance \[kg/(Pa·s)\].
     Leak,
-    /// The supply falls to this share of itself within the time \[s\].
+    /// The supply falls to this share of its pressure; the size is the duration of the fall \[s\].
     Supply(f64),
-    /// The hose comes off a fitting of this conductance \[kg/(Pa·s)\].
+    /// The hose comes off; the size is the conductance of the open fitting \[kg/(Pa·s)\].
     HoseOff,
-    /// The load is multiplied by this.
+    /// The mass of the load is multiplied by the size.
     Load,
-    /// The lever is slammed to this place \[m\] in 30 ms.
+    /// The lever is moved to the position given by the size \[m\] within 30 ms.
     Lever,
-    /// The DAC stays at this share of its scale; below 0 where it is.
+    /// The DAC stays at this share of its scale, or at its present value if the size is below 0.
     Dac,
-    /// The program hangs for so long \[s\], then the watchdog resets it.
+    /// The program hangs; the size is the time until the watchdog resets it \[s\].
     Hang,
-    /// The supply voltage is away for so long \[s\].
+    /// The size is the duration of a loss of the supply voltage \[s\].
     PowerLost,
-    /// The ticks.
+    /// A fault of the ticks.
     Ticks(TickFault),
-    /// The link.
+    /// A fault of the link.
     Link(LinkFault),
-    /// Stored settings.
+    /// A fault of the stored settings.
     Settings(SettingsFault),
-    /// Bits in memory; the size is which.
+    /// A bit flip in memory; the size is the index of the copy.
     Damage(Memory),
+    /// These contacts of the emergency stop, or their wires, open.
+    Stop([bool; 2]),
 }
 
-/// Who decides how fast the weight is after the fault.
+/// What limits the motion of the weight after the fault, and so determines its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Decides {
-    /// The controller can, and must.
+pub enum LimitedBy {
+    /// The controller can limit it, and must.
     Controller,
-    /// Energy alone does, in these directions.
+    /// Only the available energy limits it, in these directions.
     Physics {
         /// Upwards.
         up: bool,
@@ -135,11 +138,11 @@ pub enum Decides {
     },
 }
 
-const FLUNG: Decides = Physics {
+const UP_AND_DOWN: LimitedBy = Physics {
     up: true,
     down: true,
 };
-const DROPPED: Decides = Physics {
+const DOWN: LimitedBy = Physics {
     up: false,
     down: true,
 };
@@ -149,30 +152,32 @@ const DROPPED: Decides = Physics {
 pub struct Kind {
     /// Its name.
     pub name: &'static str,
-    /// What is done.
+    /// The injected fault.
     pub inject: Inject,
-    /// In these sizes.
+    /// The sizes, of which each case draws one.
     pub sizes: &'static [f64],
     /// The sizes' unit.
     pub unit: &'static str,
-    /// Who decides.
-    pub decides: Decides,
-    /// What must be latched, where a reason can be seen: docs/safety.md says where not, and why.
+    /// What limits the motion.
+    pub limited_by: LimitedBy,
+    /// The reason that must be latched, if the fault is observable; docs/safety.md states when it
+    /// is not, and why.
     pub latched: Option<Latched>,
-    /// Assistance must not begin on it.
+    /// Whether assistance must not begin with this fault.
     pub bars_start: bool,
 }
 
 /// A reason that must be latched.
 #[derive(Clone, Copy, Debug)]
 pub struct Latched {
-    /// Within this time of a fault of the size \[s\].
+    /// Time limit \[s\] after the fault, as a function of its size.
     pub within_s: fn(f64) -> f64,
-    /// Where the fault falls in one of these moments.
+    /// The moments of the fault in which it must be latched.
     pub moments: &'static [Moment],
-    /// Where the weight was at least so high \[m\]: one that comes to rest on its stop is safe.
+    /// Height of the weight from which it must be latched \[m\]: below, the weight comes to rest on
+    /// its stop, which is safe.
     pub above_m: f64,
-    /// One of these.
+    /// Whether a latched reason is a right one.
     pub is_right: fn(Fault) -> bool,
 }
 
@@ -203,12 +208,12 @@ fn bridge(fault: Fault) -> bool {
     matches!(fault, Fault::Bridge(_))
 }
 
-/// Or what the weight does by then.
+/// The bridge, or the motion of the weight that its fault causes.
 fn bridge_or_weight(fault: Fault) -> bool {
     bridge(fault) || weight(fault)
 }
 
-/// Or what it does not fit.
+/// The pressure, or the weight with which it is not in balance.
 fn pressure_or_weight(fault: Fault) -> bool {
     pressure(fault) || weight(fault)
 }
@@ -230,7 +235,7 @@ const fn kind(
     inject: Inject,
     sizes: &'static [f64],
     unit: &'static str,
-    decides: Decides,
+    limited_by: LimitedBy,
     latched: Option<Latched>,
 ) -> Kind {
     Kind {
@@ -238,7 +243,7 @@ const fn kind(
         inject,
         sizes,
         unit,
-        decides,
+        limited_by,
         latched,
         bars_start: false,
     }
@@ -256,10 +261,10 @@ impl Kind {
 use Inject::{PowerLost, ValveSlow};
 use Instrument::{Bridge, Encoder, Pressure};
 
-/// Three suspect ticks, and the tick in which the fault falls \[s\].
-const AT_ONCE_S: f64 = 0.04;
-/// Fifty equal readings besides \[s\].
-const STUCK_S: f64 = 0.5 + AT_ONCE_S;
+/// Detection time of a suspect reading \[s\]: three ticks, and the one in which the fault occurs.
+const SUSPECT_S: f64 = 0.04;
+/// Detection time of a constant reading \[s\]: fifty equal readings more.
+const STUCK_S: f64 = 0.5 + SUSPECT_S;
 
 /// All kinds.
 pub const KINDS: &[Kind] = &[
@@ -270,7 +275,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 6.0, 4089.0, 4095.0],
         "count",
         Controller,
-        latched(|_| AT_ONCE_S, IN_USE, bridge),
+        latched(|_| SUSPECT_S, IN_USE, bridge),
     )
     .bars_start(),
     kind(
@@ -303,9 +308,9 @@ pub const KINDS: &[Kind] = &[
         &[-20.0, -5.0, -2.0, 1.0, 5.0, 20.0],
         "N/s",
         Controller,
-        // The whole scale, ±25 N, at this rate: as far as the hand gives way to it.
+        // The time in which it drifts over the whole scale, ±25 N; the hand may follow it so far.
         latched(
-            |n_per_s| 50.0 / n_per_s.abs() + AT_ONCE_S,
+            |n_per_s| 50.0 / n_per_s.abs() + SUSPECT_S,
             IN_USE,
             |fault| fault == Fault::Bridge(Doubt::Range),
         ),
@@ -381,7 +386,7 @@ pub const KINDS: &[Kind] = &[
         &[-10.0, -0.05, 0.05, 1.0],
         "m",
         Controller,
-        latched(|_| AT_ONCE_S, IN_USE, encoder),
+        latched(|_| SUSPECT_S, IN_USE, encoder),
     ),
     kind(
         "pressure sensor open",
@@ -389,7 +394,7 @@ pub const KINDS: &[Kind] = &[
         &[0.0, 6.0, 4089.0, 4095.0],
         "count",
         Controller,
-        latched(|_| AT_ONCE_S, IN_USE, pressure),
+        latched(|_| SUSPECT_S, IN_USE, pressure),
     )
     .bars_start(),
     kind(
@@ -461,7 +466,7 @@ pub const KINDS: &[Kind] = &[
         Valve,
         &[1.0, 0.8],
         "of supply",
-        FLUNG,
+        UP_AND_DOWN,
         latched(|_| 0.1, HELD, pressure_or_weight),
     )
     .bars_start(),
@@ -470,15 +475,15 @@ pub const KINDS: &[Kind] = &[
         Valve,
         &[0.1, 0.2],
         "of supply",
-        DROPPED,
-        latched(|_| AT_ONCE_S, WAITING, |fault| fault == Fault::Uncommanded),
+        DOWN,
+        latched(|_| SUSPECT_S, WAITING, |fault| fault == Fault::Uncommanded),
     ),
     kind(
         "valve stuck at the exhaust",
         Valve,
         &[0.0],
         "of supply",
-        DROPPED,
+        DOWN,
         latched(|_| 0.1, HELD, pressure),
     ),
     kind("valve stuck shut", Valve, &[-1.0], "", Controller, None),
@@ -503,7 +508,7 @@ pub const KINDS: &[Kind] = &[
         Supply(0.0),
         &[0.005, 0.1, 1.0],
         "s",
-        DROPPED,
+        DOWN,
         None,
     ),
     kind(
@@ -511,7 +516,7 @@ pub const KINDS: &[Kind] = &[
         Supply(0.5),
         &[0.005, 0.1, 1.0],
         "s",
-        DROPPED,
+        DOWN,
         None,
     ),
     kind(
@@ -528,7 +533,7 @@ pub const KINDS: &[Kind] = &[
         HoseOff,
         &[5e-9, 2e-8, 1e-7],
         "kg/(Pa·s)",
-        DROPPED,
+        DOWN,
         latched(|_| 0.65, HELD, pressure_or_weight),
     ),
     kind(
@@ -536,27 +541,35 @@ pub const KINDS: &[Kind] = &[
         Load,
         &[0.05],
         "of the load",
-        FLUNG,
+        UP_AND_DOWN,
         latched(|_| 0.06, HELD, |fault| fault == Fault::OverSpeed),
     ),
-    kind("payload halved", Load, &[0.5], "of the load", FLUNG, None),
+    kind(
+        "payload halved",
+        Load,
+        &[0.5],
+        "of the load",
+        UP_AND_DOWN,
+        None,
+    ),
     kind(
         "payload half as much again",
         Load,
         &[1.5],
         "of the load",
-        DROPPED,
+        DOWN,
         None,
     ),
-    // It swings first, √2 of a quarter of a second; 105 of 118 N are 2.2 times the mean's 0.1 s.
+    // One period of oscillation, √2 times 0.25 s; then 105 of 118 N, 2.2 time constants of the
+    // force balance, 0.1 s each.
     kind(
         "payload doubled",
         Load,
         &[2.0],
         "of the load",
-        DROPPED,
+        DOWN,
         Some(Latched {
-            within_s: |_| 0.35 + 0.22 + AT_ONCE_S,
+            within_s: |_| 0.35 + 0.22 + SUSPECT_S,
             moments: HELD,
             above_m: 0.04,
             is_right: weight,
@@ -577,7 +590,7 @@ pub const KINDS: &[Kind] = &[
         Dac,
         &[1.0],
         "of scale",
-        FLUNG,
+        UP_AND_DOWN,
         latched(|_| 0.1, HELD, pressure_or_weight),
     )
     .bars_start(),
@@ -586,7 +599,7 @@ pub const KINDS: &[Kind] = &[
         Dac,
         &[0.0],
         "of scale",
-        DROPPED,
+        DOWN,
         latched(|_| 0.1, HELD, pressure),
     ),
     kind(
@@ -594,7 +607,7 @@ pub const KINDS: &[Kind] = &[
         Hang,
         &[0.034, 0.064, 0.094],
         "s to the watchdog",
-        DROPPED,
+        DOWN,
         None,
     ),
     kind(
@@ -616,7 +629,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "ticks missed",
         Ticks(TickFault::Missed),
-        // Of four the watchdog may make a reset.
+        // Four may cause a reset by the watchdog.
         &[3.0],
         "ticks",
         Controller,
@@ -633,7 +646,8 @@ pub const KINDS: &[Kind] = &[
     kind(
         "clock wrong",
         Ticks(TickFault::Clock),
-        &[-0.02, 0.02],
+        // The tolerance of the chip's oscillator from -10 to 85 °C.
+        &[-0.04, 0.04],
         "1",
         Controller,
         None,
@@ -707,10 +721,10 @@ pub const KINDS: &[Kind] = &[
         Hang,
         &[0.034, 0.094],
         "s to the watchdog",
-        DROPPED,
+        DOWN,
         None,
     ),
-    kind("power lost", PowerLost, &[0.02, 0.5], "s", DROPPED, None),
+    kind("power lost", PowerLost, &[0.02, 0.5], "s", DOWN, None),
     kind(
         "bit flip in the state",
         Damage(Memory::State),
@@ -734,5 +748,21 @@ pub const KINDS: &[Kind] = &[
         "copy",
         Controller,
         None,
+    ),
+    kind(
+        "emergency stop pressed",
+        Inject::Stop([true, true]),
+        &[1.0],
+        "",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::EmergencyStop),
+    ),
+    kind(
+        "wire of the emergency stop broken",
+        Inject::Stop([true, false]),
+        &[1.0],
+        "",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::EmergencyStop),
     ),
 ];

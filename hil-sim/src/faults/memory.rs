@@ -5,11 +5,11 @@ use model_core::settings::SettingsValues;
 use model_core::state::State;
 use model_core::supervisor::{Fault, Mode};
 
-/// Flips a bit of one of the state's values; `bit` is reduced to those that it has.
+/// Flips one bit of the state; `bit` is taken modulo their number.
 pub fn flip_state(state: &mut State, bit: usize) {
     let float = |value: &mut f32, bit: usize| {
         let flipped = f32::from_bits(value.to_bits() ^ 1 << bit);
-        // The sign of zero changes nothing: another bit.
+        // A flipped sign of zero has no effect: flips the lowest bit as well.
         let same = flipped == *value;
         *value = f32::from_bits(flipped.to_bits() ^ u32::from(same));
     };
@@ -30,8 +30,8 @@ pub fn flip_state(state: &mut State, bit: usize) {
     }
 }
 
-/// Flips a bit of one of the settings' values, valid or not; `bit` is reduced to those that they
-/// have.
+/// Flips one bit of the settings, whether the result is valid or not; `bit` is taken modulo their
+/// number.
 pub fn flip_settings(values: &mut SettingsValues, bit: usize) {
     let floats = [
         &mut values.gain,

@@ -1,7 +1,7 @@
-//! The fault campaign: one fault at a time, of every kind, size and moment, and what becomes of the
-//! weight. docs/safety.md derives the bounds.
+//! The fault campaign: simulates the closed loop with one fault at a time, of every kind, size and
+//! moment, and checks the motion and pressure against the bounds of docs/safety.md.
 //!
-//! A case is its number: the same seed and number give the same case on any machine.
+//! Seed and number determine a case on any machine.
 
 pub mod ablation;
 pub mod bounds;
@@ -26,28 +26,28 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 
-/// When a fault falls.
+/// The phase of a run in which the fault occurs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Moment {
     /// Before the controller starts.
     Start,
-    /// Checked, before assistance is asked for.
+    /// After the self-check, before assistance is requested.
     Ready,
-    /// Engaged, the weight still on its stop.
+    /// Assisting, while the weight is still on its stop.
     Rest,
-    /// On the way up.
+    /// While the weight is lifted.
     Lifting,
-    /// Held up.
+    /// While the weight is held.
     Holding,
-    /// On the way down.
+    /// While the weight is lowered.
     Lowering,
-    /// While a test signal is played; the lever is free.
+    /// While a test signal is played, with the lever released.
     Playing,
 }
 
 impl Moment {
-    /// All of them.
+    /// All moments.
     pub const ALL: [Moment; 7] = [
         Moment::Start,
         Moment::Ready,
@@ -64,47 +64,47 @@ impl Moment {
 pub struct Case {
     /// Its number.
     pub number: u64,
-    /// What breaks.
+    /// The kind of fault.
     pub kind: &'static Kind,
-    /// How much.
+    /// The size of the fault, in the unit of the kind.
     pub size: f64,
-    /// When.
+    /// The phase in which the fault occurs.
     pub moment: Moment,
-    /// The same \[s\].
+    /// Time of the fault \[s\].
     pub fault_s: f64,
-    /// When the hand, or an experiment, has ended \[s\].
+    /// Time at which the lift, or the test signal, ends \[s\].
     pub used_s: f64,
-    /// When the case ends, where no reason is latched later \[s\].
+    /// Time at which the case ends, unless a reason is latched later \[s\].
     pub ends_s: f64,
-    /// What the hand does.
+    /// The intended motion of the finger.
     pub finger: Finger,
     /// Stiffness of the person's arm \[N/m\].
     pub arm_stiffness_n_per_m: f64,
-    /// Seed of noise, and of what is random in the fault.
+    /// Seed of the noise, and of random parts of the fault.
     pub seed: u64,
-    /// The rig: its values within their tolerances, in a healthy case with an effect.
+    /// The rig, with values drawn within their tolerances, and an effect if the case is healthy.
     pub rig: Rig,
     /// Hardware beside the controller.
     pub hardware: Hardware,
 }
 
-/// When the person asks for assistance, or an experiment, if it is offered \[s\].
-pub(crate) const ASKS_S: f64 = 0.9;
-/// How long a case goes on after the lift and after a latched reason \[s\]: the reference falls
-/// from the highest pressure in 2.5 s, three time constants of the slowest valve pass, and what is
-/// left is looked at.
+/// Earliest time at which assistance, or a test signal, is requested \[s\].
+pub(crate) const REQUEST_S: f64 = 0.9;
+/// Time that a case continues after the lift and after a latched reason \[s\]: 2.5 s in which the
+/// reference falls from the highest pressure, three time constants of the slowest valve, and the
+/// interval in which the final state is measured.
 pub(crate) const AFTER_S: f64 = 2.5 + 3.0 * 0.3 + END_S;
 /// The held part of a lift \[s\].
 const HOLD_S: f64 = 0.8;
 
 impl Case {
-    /// Case `number` of the campaign `seed`. Kinds take turns.
+    /// Case `number` of the campaign with `seed`; its kind is `number` modulo the number of kinds.
     pub fn new(seed: u64, number: u64) -> Case {
         let kind = &KINDS[(number % KINDS.len() as u64) as usize];
         Case::of(kind, seed, number)
     }
 
-    /// The same, of that kind.
+    /// Case `number` of the campaign with `seed`, but with the given kind of fault.
     pub fn of(kind: &'static Kind, seed: u64, number: u64) -> Case {
         let mut random = Pcg64Mcg::seed_from_u64(seed ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15));
         let size = kind.sizes[random.random_range(0..kind.sizes.len())];
@@ -114,7 +114,7 @@ impl Case {
         let start_s = CHECKED_S + 0.4;
         let fault_s = match moment {
             Moment::Start => 0.0,
-            Moment::Ready => ASKS_S - 0.3 + 0.15 * share,
+            Moment::Ready => REQUEST_S - 0.3 + 0.15 * share,
             Moment::Rest => CHECKED_S + 0.35 * share,
             Moment::Lifting => start_s + rise_s * share,
             Moment::Holding => start_s + rise_s + HOLD_S * share,
@@ -123,7 +123,7 @@ impl Case {
         };
         let arms_n_per_m = [f64::INFINITY, 1500.0, 500.0];
         let used_s = start_s + 2.0 * rise_s + HOLD_S;
-        let seen_s = kind.latched.map_or(0.0, |latched| (latched.within_s)(size));
+        let latched_within_s = kind.latched.map_or(0.0, |latched| (latched.within_s)(size));
         Case {
             number,
             kind,
@@ -131,7 +131,7 @@ impl Case {
             moment,
             fault_s,
             used_s,
-            ends_s: used_s.max(fault_s + seen_s) + AFTER_S,
+            ends_s: used_s.max(fault_s + latched_within_s) + AFTER_S,
             finger: Finger::Lift {
                 start_s,
                 travel_m: random.random_range(0.06..0.12),
@@ -146,8 +146,8 @@ impl Case {
         }
     }
 
-    /// The fault in words.
-    pub fn words(&self) -> String {
+    /// The name of the fault, with its size if the kind has several.
+    pub fn description(&self) -> String {
         let Kind { name, unit, .. } = self.kind;
         match self.kind.sizes {
             [_] => (*name).into(),
@@ -156,13 +156,14 @@ impl Case {
     }
 }
 
-/// The reference rig within its tolerances: relative half widths of what a maker states.
+/// The reference rig with values drawn within the tolerances of manufacturers (relative half
+/// widths).
 fn rig(kind: &Kind, random: &mut impl Rng) -> Rig {
     let mut rig = Rig::reference();
     let mut within = |value: &mut f64, relative: f64| {
         *value *= 1.0 + random.random_range(-relative..relative);
     };
-    // A muscle from the shelf: its force within 2 %, the valve's gain within 20 %.
+    // The force of a muscle as supplied is within 2 %, the gain of a valve within 20 %.
     within(&mut rig.nominal.muscle.alpha_m2, 0.01);
     within(&mut rig.nominal.muscle.gamma_n, 0.02);
     if let Load::Weight(weight) = &mut rig.nominal.load {

@@ -1,4 +1,4 @@
-//! Faults of the plant, and the hardware that would bound them, as terms that begin at a time.
+//! Faults of the plant, and hardware that limits their effect, as terms of the plant.
 
 use model_core::pressure::GaugePa;
 use muscle_plant::nominal::Weight;
@@ -9,10 +9,10 @@ use muscle_plant::subsystem::supply::{SupplyPoint, SupplyTerm};
 use muscle_plant::subsystem::term::Dynamics;
 use muscle_plant::subsystem::valve::{ValvePoint, ValveTerm};
 
-/// What the valve does with what it is told, from `begins_s` on.
+/// A valve that ignores its reference from `begins_s` on.
 pub(super) struct BrokenValve {
     pub begins_s: f64,
-    /// It acts on this share of the supply; below 0 it is shut.
+    /// It controls the pressure to this share of the supply; below 0 it is shut.
     pub share: f64,
 }
 
@@ -36,8 +36,7 @@ impl ValveTerm for BrokenValve {
     }
 }
 
-/// A throttle between valve and muscle: its flow is at most this much per pressure difference, in
-/// series with the valve's.
+/// A throttle between valve and muscle: its conductance is in series with that of the valve.
 pub(super) struct Throttle {
     pub conductance_kg_per_pa_s: f64,
     pub valve_kg_per_pa_s: f64,
@@ -52,14 +51,14 @@ impl ValveTerm for Throttle {
     }
 }
 
-/// A valve at the muscle's port that shuts by itself, `closes_s` after air or voltage is lost.
-pub(super) struct Lock {
+/// A check valve at the muscle's port that is shut from `begins_s` on.
+pub(super) struct CheckValve {
     pub begins_s: f64,
 }
 
-impl Dynamics<ValvePoint> for Lock {}
+impl Dynamics<ValvePoint> for CheckValve {}
 
-impl ValveTerm for Lock {
+impl ValveTerm for CheckValve {
     fn flow_kg_per_s(&self, at: &ValvePoint, _: &[f64], flow_kg_per_s: f64) -> f64 {
         if at.time_s >= self.begins_s {
             0.0
@@ -69,7 +68,7 @@ impl ValveTerm for Lock {
     }
 }
 
-/// A hole in the muscle's side, laminar, between two times.
+/// A leak from the muscle with laminar flow, between two times.
 pub(super) struct Hole {
     pub from_s: f64,
     pub to_s: f64,
@@ -87,7 +86,7 @@ impl GasTerm for Hole {
     }
 }
 
-/// A relief valve: opens at its pressure, in proportion to what is above.
+/// A relief valve: above its opening pressure its flow is proportional to the excess pressure.
 pub(super) struct Relief {
     pub opens_pa: f64,
     pub conductance_kg_per_pa_s: f64,
@@ -102,7 +101,7 @@ impl GasTerm for Relief {
     }
 }
 
-/// The supply falls to a share of itself.
+/// A supply whose pressure falls linearly to a share of it, within `within_s` from `begins_s`.
 pub(super) struct FallingSupply {
     pub begins_s: f64,
     pub within_s: f64,
@@ -118,7 +117,7 @@ impl SupplyTerm for FallingSupply {
     }
 }
 
-/// Another load from `begins_s` on.
+/// A load whose mass is multiplied by `factor` from `begins_s` on.
 pub(super) struct OtherLoad {
     pub begins_s: f64,
     pub factor: f64,
@@ -134,7 +133,7 @@ impl LoadTerm for OtherLoad {
     }
 }
 
-/// A mechanical stop with a rubber buffer: pushes down beyond its contraction.
+/// A mechanical stop with a rubber buffer, which acts above the given contraction.
 pub(super) struct UpperStop {
     pub contraction: f64,
     pub stiffness_n_per_m: f64,
@@ -145,16 +144,17 @@ impl Dynamics<LoadPoint> for UpperStop {}
 
 impl LoadTerm for UpperStop {
     fn change(&self, at: &LoadPoint, _: &[f64], _: &mut Weight, force_n: &mut f64) {
-        let beyond_m = (at.contraction - self.contraction) * at.initial_length_m;
-        if beyond_m > 0.0 {
+        let compression_m = (at.contraction - self.contraction) * at.initial_length_m;
+        if compression_m > 0.0 {
             let speed_m_per_s = at.contraction_rate_per_s * at.initial_length_m;
-            let push_n = self.stiffness_n_per_m * beyond_m + self.damping_ns_per_m * speed_m_per_s;
+            let push_n =
+                self.stiffness_n_per_m * compression_m + self.damping_ns_per_m * speed_m_per_s;
             *force_n -= push_n.max(0.0);
         }
     }
 }
 
-/// A damper beside the muscle, of this much force per speed.
+/// A viscous damper parallel to the muscle.
 pub(super) struct Damper {
     pub damping_ns_per_m: f64,
 }
@@ -167,26 +167,27 @@ impl LoadTerm for Damper {
     }
 }
 
-/// Hardware beside the controller.
+/// Protective hardware, independent of the controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Hardware {
     /// None.
     None,
-    /// A pilot-operated check valve in the muscle's port, shut 10 ms after air or voltage is lost.
+    /// A valve in the muscle's port that a spring shuts 10 ms after air, voltage or the pulses of
+    /// the ticks are lost.
     CheckValve,
-    /// A throttle in the hose, of the flow gain that valve and muscle need at least.
+    /// A throttle in the hose, with the smallest flow gain that the assistance needs.
     Throttle,
     /// A mechanical stop with a buffer just above the stroke in use.
     MechanicalStop,
     /// A relief valve in the muscle's port, just above the pressure in use.
     ReliefValve,
-    /// An oil damper beside the muscle.
+    /// An oil damper parallel to the muscle.
     Damper,
 }
 
 impl Hardware {
-    /// All but none.
+    /// All hardware, without `None`.
     pub const ALL: [Hardware; 5] = [
         Hardware::CheckValve,
         Hardware::Throttle,
@@ -195,12 +196,13 @@ impl Hardware {
         Hardware::Damper,
     ];
 
-    /// Its terms, for a fault at `fault_s` of a rig whose valve has this flow gain.
+    /// Its terms of the plant, for a fault at `fault_s` that loses air or voltage or not, and a
+    /// valve with this flow gain.
     pub(super) fn terms(self, fault_s: f64, loses_air: bool, valve_kg_per_pa_s: f64) -> Vec<Term> {
         match self {
             Hardware::None => vec![],
-            Hardware::CheckValve if loses_air => vec![Term::Valve(Box::new(Lock {
-                begins_s: fault_s + LOCK_S,
+            Hardware::CheckValve if loses_air => vec![Term::Valve(Box::new(CheckValve {
+                begins_s: fault_s + CHECK_VALVE_S,
             }))],
             Hardware::CheckValve => vec![],
             Hardware::Throttle => vec![Term::Valve(Box::new(Throttle {
@@ -216,7 +218,7 @@ impl Hardware {
                 opens_pa: 4.2e5,
                 conductance_kg_per_pa_s: 1e-6,
             }))],
-            // Falls at 0.25 m/s at most: M g / v.
+            // The weight of 12 kg falls at 0.25 m/s at most: c = M g / v.
             Hardware::Damper => vec![Term::Load(Box::new(Damper {
                 damping_ns_per_m: 12.0 * GRAVITY_M_PER_S2 / 0.25,
             }))],
@@ -224,5 +226,8 @@ impl Hardware {
     }
 }
 
-/// Time in which a check valve shuts \[s\].
-pub(super) const LOCK_S: f64 = 0.01;
+/// Time that a check valve takes to shut \[s\].
+pub(super) const CHECK_VALVE_S: f64 = 0.01;
+/// Time after the last edge of the pulses in which its coil is switched off, at most \[s\]: 4.7 V
+/// at 150 kΩ and 100 nF fall to 1 V (docs/wiring.md).
+pub(super) const PULSES_LAST_S: f64 = 0.0233;

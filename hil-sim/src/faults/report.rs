@@ -1,90 +1,93 @@
-//! The campaign in words, tables and JSON.
+//! Summaries of the campaign, and its reports as text, tables and JSON.
 
 use super::Hardware;
 use super::ablation::SafetyFunction;
-use super::kind::{Decides, KINDS, Kind};
+use super::kind::{KINDS, Kind, LimitedBy};
 use super::outcome::Outcome;
 use crate::report::{Report, Section, Table};
 use serde::Serialize;
 use std::cmp::Ordering;
 
-/// Cases listed in the report.
+/// Number of cases listed in the report.
 const LISTED: usize = 40;
 
-/// A kind of fault, over its cases.
+/// Summary of the cases of one kind of fault.
 #[derive(Clone, Debug, Serialize)]
-pub struct OfKind {
-    /// Its name.
+pub struct KindSummary {
+    /// Name of the kind.
     pub kind: &'static str,
-    /// Energy alone decides how fast the weight is.
-    pub physics_decides: bool,
-    /// Cases.
+    /// Whether only the available energy limits the motion, not the controller.
+    #[serde(rename = "physics_decides")]
+    pub limited_by_physics: bool,
+    /// Number of cases.
     pub cases: usize,
-    /// Cases outside their bounds.
-    pub outside: usize,
-    /// Cases in which a reason was latched.
+    /// Number of cases that violate a bound.
+    #[serde(rename = "outside")]
+    pub violating: usize,
+    /// Number of cases in which a reason was latched.
     pub latched: usize,
-    /// Median and longest time to the reason \[s\].
+    /// Median and longest time from the fault to the reason \[s\].
     pub latched_after_s: Option<[f64; 2]>,
-    /// Fastest upwards \[m/s\].
+    /// Highest speed upwards \[m/s\].
     pub speed_up_m_per_s_max: f64,
-    /// Fastest downwards \[m/s\].
+    /// Highest speed downwards \[m/s\].
     pub speed_down_m_per_s_max: f64,
-    /// Fastest at the end \[m/s\].
+    /// Highest speed in the final interval \[m/s\].
     pub speed_m_per_s_final_max: f64,
-    /// Furthest rise above the place at the fault \[m\].
+    /// Largest rise above the position at the fault \[m\].
     pub rise_m_max: f64,
-    /// Highest pressure \[Pa\].
+    /// Highest gauge pressure \[Pa\].
     pub pressure_pa_max: f64,
-    /// Final modes, and in how many cases.
+    /// Final modes, each with its number of cases.
     pub modes: Vec<(String, usize)>,
-    /// Latched reasons, and in how many cases.
+    /// Latched reasons, each with its number of cases.
     pub reasons: Vec<(String, usize)>,
-    /// The worst case: the one nearest to a bound, or furthest beyond.
+    /// Number of the worst case: the one with the largest ratio of a value to its bound.
     pub worst_case: u64,
-    /// Its largest share of a bound \[-\].
+    /// That ratio \[-\].
     pub worst_share: f64,
 }
 
-/// A kind with a piece of hardware.
+/// Summary of the cases of one kind of fault with protective hardware.
 #[derive(Clone, Debug, Serialize)]
-pub struct WithHardware {
-    /// The fault.
+pub struct HardwareSummary {
+    /// Name of the kind.
     pub kind: &'static str,
     /// The hardware.
     pub hardware: Hardware,
-    /// Fastest upwards \[m/s\].
+    /// Highest speed upwards \[m/s\].
     pub speed_up_m_per_s_max: f64,
-    /// Fastest downwards \[m/s\].
+    /// Highest speed downwards \[m/s\].
     pub speed_down_m_per_s_max: f64,
-    /// Highest place \[m\].
+    /// Highest position \[m\].
     pub height_m_max: f64,
-    /// Highest pressure \[Pa\].
+    /// Highest gauge pressure \[Pa\].
     pub pressure_pa_max: f64,
 }
 
-/// A kind's cases, with each piece of hardware.
-pub type Columns = Vec<(Hardware, Vec<Outcome>)>;
+/// The outcomes of a kind's cases with each piece of hardware.
+pub type HardwareOutcomes = Vec<(Hardware, Vec<Outcome>)>;
 
-/// The whole campaign.
+/// Summary of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Seed.
     pub seed: u64,
-    /// Cases.
+    /// Number of cases.
     pub cases: usize,
-    /// Cases outside their bounds.
-    pub outside: usize,
-    /// By kind, worst first.
-    pub kinds: Vec<OfKind>,
-    /// What hardware does where physics decides.
-    pub hardware: Vec<WithHardware>,
-    /// Each case, worst first.
+    /// Number of cases that violate a bound.
+    #[serde(rename = "outside")]
+    pub violating: usize,
+    /// The kinds of fault, worst first.
+    pub kinds: Vec<KindSummary>,
+    /// The kinds whose motion only the available energy limits, with protective hardware.
+    pub hardware: Vec<HardwareSummary>,
+    /// The outcomes of all cases, worst first.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outcomes: Vec<Outcome>,
 }
 
-/// The largest share of a bound that a case takes.
+/// The largest ratio of a value to its bound in a case.
 fn share(outcome: &Outcome) -> f64 {
     let bounds = &outcome.bounds;
     [
@@ -101,7 +104,7 @@ fn largest(outcomes: &[Outcome], value: impl Fn(&Outcome) -> f64) -> f64 {
     outcomes.iter().map(value).fold(0.0, f64::max)
 }
 
-/// How often each word comes, the most frequent first.
+/// Number of occurrences of each word, the most frequent first.
 fn tally(words: impl Iterator<Item = String>) -> Vec<(String, usize)> {
     let mut tally: Vec<(String, usize)> = Vec::new();
     for word in words {
@@ -114,16 +117,21 @@ fn tally(words: impl Iterator<Item = String>) -> Vec<(String, usize)> {
     tally
 }
 
-impl OfKind {
-    fn new(kind: &Kind, outcomes: &[Outcome]) -> OfKind {
+fn violating(outcomes: &[Outcome]) -> usize {
+    let violating = outcomes.iter().filter(|o| !o.violations.is_empty());
+    violating.count()
+}
+
+impl KindSummary {
+    fn new(kind: &Kind, outcomes: &[Outcome]) -> KindSummary {
         let mut after_s: Vec<f64> = outcomes.iter().filter_map(|o| o.latched_after_s).collect();
         after_s.sort_by(f64::total_cmp);
         let worst = outcomes.iter().max_by(|a, b| share(a).total_cmp(&share(b)));
-        OfKind {
+        KindSummary {
             kind: kind.name,
-            physics_decides: kind.decides != Decides::Controller,
+            limited_by_physics: kind.limited_by != LimitedBy::Controller,
             cases: outcomes.len(),
-            outside: outcomes.iter().filter(|o| !o.outside.is_empty()).count(),
+            violating: violating(outcomes),
             latched: after_s.len(),
             latched_after_s: after_s
                 .last()
@@ -146,37 +154,37 @@ impl OfKind {
 }
 
 impl Summary {
-    /// Of `outcomes`, and of cases that were run again with hardware.
+    /// The summary of `outcomes`, and of the cases that were repeated with protective hardware.
     pub fn new(
         seed: u64,
         mut outcomes: Vec<Outcome>,
-        with_hardware: &[(&'static Kind, Columns)],
+        with_hardware: &[(&'static Kind, HardwareOutcomes)],
     ) -> Summary {
-        let of = |outcome: &Outcome| (outcome.case % KINDS.len() as u64) as usize;
-        let mut kinds: Vec<OfKind> = KINDS
+        let kind_index = |outcome: &Outcome| (outcome.case % KINDS.len() as u64) as usize;
+        let mut kinds: Vec<KindSummary> = KINDS
             .iter()
             .enumerate()
-            .map(|(place, kind)| {
-                let own: Vec<Outcome> = outcomes
+            .map(|(index, kind)| {
+                let of_kind: Vec<Outcome> = outcomes
                     .iter()
-                    .filter(|o| of(o) == place)
+                    .filter(|outcome| kind_index(outcome) == index)
                     .cloned()
                     .collect();
-                OfKind::new(kind, &own)
+                KindSummary::new(kind, &of_kind)
             })
             .filter(|kind| kind.cases > 0)
             .collect();
-        let rank = |outside: bool, share: f64| (u8::from(outside) as f64) * 1e3 + share;
+        let rank = |is_violated: bool, share: f64| f64::from(u8::from(is_violated)) * 1e3 + share;
         kinds.sort_by(|a, b| {
-            let rank = |kind: &OfKind| rank(kind.outside > 0, kind.worst_share);
+            let rank = |kind: &KindSummary| rank(kind.violating > 0, kind.worst_share);
             rank(b).total_cmp(&rank(a))
         });
         outcomes.sort_by(|a, b| {
-            let rank = |outcome: &Outcome| rank(!outcome.outside.is_empty(), share(outcome));
+            let rank = |outcome: &Outcome| rank(!outcome.violations.is_empty(), share(outcome));
             rank(b).total_cmp(&rank(a))
         });
-        let hardware = with_hardware.iter().flat_map(|(kind, columns)| {
-            columns.iter().map(|(hardware, outcomes)| WithHardware {
+        let hardware = with_hardware.iter().flat_map(|(kind, outcomes)| {
+            outcomes.iter().map(|(hardware, outcomes)| HardwareSummary {
                 kind: kind.name,
                 hardware: *hardware,
                 speed_up_m_per_s_max: largest(outcomes, |o| o.speed_up_m_per_s_max),
@@ -188,14 +196,14 @@ impl Summary {
         Summary {
             seed,
             cases: outcomes.len(),
-            outside: outcomes.iter().filter(|o| !o.outside.is_empty()).count(),
+            violating: violating(&outcomes),
             kinds,
             hardware: hardware.collect(),
             outcomes,
         }
     }
 
-    /// The same without each single case.
+    /// The same summary without the outcomes of single cases.
     pub fn without_cases(&self) -> Summary {
         Summary {
             outcomes: Vec::new(),
@@ -204,89 +212,102 @@ impl Summary {
     }
 }
 
-/// What becomes of the cases without a safety function.
+/// Summary of the cases in which one safety function is switched off.
 #[derive(Clone, Debug, Serialize)]
-pub struct Lacking {
-    /// The function.
+pub struct AblationSummary {
+    /// Name of the safety function.
     pub without: String,
-    /// Cases.
+    /// Number of cases.
     pub cases: usize,
-    /// Cases outside of any bound.
-    pub outside: usize,
-    /// Of these, cases in which not only the reason is.
-    pub moved: usize,
-    /// The bounds that they are outside of, and how many.
+    /// Number of cases that violate a bound.
+    #[serde(rename = "outside")]
+    pub violating: usize,
+    /// Number of cases in which the weight or the pressure violates a bound.
+    #[serde(rename = "moved")]
+    pub violating_physically: usize,
+    /// The violated bounds, each with its number of cases.
     pub bounds: Vec<(String, usize)>,
-    /// Their kinds, and how many.
+    /// The kinds of the violating cases, each with its number of cases.
     pub kinds: Vec<(String, usize)>,
-    /// The one that shows most, and its largest share of a bound.
+    /// Number of the worst violating case, and its largest ratio of a value to its bound.
     pub worst: Option<(u64, f64)>,
 }
 
-impl Lacking {
-    /// Of the `outcomes` without `function`.
-    pub fn new(function: SafetyFunction, outcomes: &[Outcome]) -> Lacking {
-        let outside = outcomes.iter().filter(|o| !o.outside.is_empty());
-        let outside: Vec<&Outcome> = outside.collect();
+impl AblationSummary {
+    /// The summary of the `outcomes` without `function`.
+    pub fn new(function: SafetyFunction, outcomes: &[Outcome]) -> AblationSummary {
+        let violating = outcomes.iter().filter(|o| !o.violations.is_empty());
+        let violating: Vec<&Outcome> = violating.collect();
         let kind = |outcome: &&Outcome| KINDS[(outcome.case % KINDS.len() as u64) as usize].name;
-        let bounds = outside.iter().flat_map(|outcome| &outcome.outside);
-        let worst = outside.iter().max_by(|a, b| {
-            let rank = |outcome: &Outcome| (outcome.has_moved(), share(outcome));
+        let bounds = violating.iter().flat_map(|outcome| &outcome.violations);
+        let worst = violating.iter().max_by(|a, b| {
+            let rank = |outcome: &Outcome| (outcome.has_physical_violation(), share(outcome));
             rank(a).partial_cmp(&rank(b)).unwrap_or(Ordering::Equal)
         });
-        Lacking {
+        AblationSummary {
             without: function.name().into(),
             cases: outcomes.len(),
-            outside: outside.len(),
-            moved: outside.iter().filter(|o| o.has_moved()).count(),
+            violating: violating.len(),
+            violating_physically: violating
+                .iter()
+                .filter(|o| o.has_physical_violation())
+                .count(),
             bounds: tally(bounds.map(|bound| bound.to_string())),
-            kinds: tally(outside.iter().map(|outcome| kind(outcome).into())),
+            kinds: tally(violating.iter().map(|outcome| kind(outcome).into())),
             worst: worst.map(|worst| (worst.case, share(worst))),
         }
     }
 }
 
-/// What each safety function is for, as a report.
-pub fn report_lacking(seed: u64, lacking: &[Lacking]) -> Report {
-    let row = |lacking: &Lacking| {
+/// The report of an ablation: the violations with each safety function switched off.
+pub fn report_ablation(seed: u64, summaries: &[AblationSummary]) -> Report {
+    let row = |summary: &AblationSummary| {
         vec![
-            lacking.without.clone(),
-            format!("{} / {}", lacking.outside, lacking.cases),
-            lacking.moved.to_string(),
-            counted(&lacking.bounds),
-            counted(&lacking.kinds),
-            lacking.worst.map_or("–".into(), |(case, share)| {
+            summary.without.clone(),
+            format!("{} / {}", summary.violating, summary.cases),
+            summary.violating_physically.to_string(),
+            counted(&summary.bounds),
+            counted(&summary.kinds),
+            summary.worst.map_or("–".into(), |(case, share)| {
                 format!("{case} ({:.0} %)", 100.0 * share)
             }),
         ]
     };
     let table = Table {
         caption: format!(
-            "The worst again: hil-sim faults --seed {seed} --case N --without FUNCTION; in its \
-             share of a bound"
+            "Worst case: its number N, and the largest ratio of a value to its bound. To repeat \
+             it: hil-sim faults --seed {seed} --case N --without FUNCTION"
         ),
         columns: [
             "without",
-            "outside / cases",
-            "not only the reason",
-            "of these bounds",
-            "of these kinds",
+            "violations / cases",
+            "not only of the reason",
+            "of which bounds",
+            "kinds of fault",
             "worst case",
         ]
         .map(String::from)
         .into(),
-        rows: lacking.iter().map(row).collect(),
+        rows: summaries.iter().map(row).collect(),
     };
     Report {
         title: "Each safety function switched off".into(),
         verdict: vec![format!(
-            "Without {} of {} safety functions cases are outside, without {} not only by a reason.",
-            lacking.iter().filter(|lacking| lacking.outside > 0).count(),
-            lacking.len(),
-            lacking.iter().filter(|lacking| lacking.moved > 0).count(),
+            "Cases violate bounds if any one of {} of the {} safety functions is switched \
+             off; for {} of them not only the latched reason is affected, but the weight or the \
+             pressure.",
+            summaries
+                .iter()
+                .filter(|summary| summary.violating > 0)
+                .count(),
+            summaries.len(),
+            summaries
+                .iter()
+                .filter(|summary| summary.violating_physically > 0)
+                .count(),
         )],
         sections: vec![Section {
-            heading: "What each is for".into(),
+            heading: "Violations without each safety function".into(),
             tables: vec![table],
             ..Section::default()
         }],
@@ -299,8 +320,8 @@ fn counted(words: &[(String, usize)]) -> String {
     words.collect::<Vec<_>>().join(", ")
 }
 
-fn kinds_table(summary: &Summary, physics: bool) -> Table {
-    let row = |kind: &OfKind| {
+fn kinds_table(summary: &Summary, limited_by_physics: bool) -> Table {
+    let row = |kind: &KindSummary| {
         let after = kind
             .latched_after_s
             .map_or("–".into(), |[median, longest]| {
@@ -308,7 +329,7 @@ fn kinds_table(summary: &Summary, physics: bool) -> Table {
             });
         vec![
             kind.kind.into(),
-            format!("{} / {}", kind.outside, kind.cases),
+            format!("{} / {}", kind.violating, kind.cases),
             format!(
                 "{:.2} / {:.2} m/s",
                 kind.speed_up_m_per_s_max, kind.speed_down_m_per_s_max
@@ -326,14 +347,14 @@ fn kinds_table(summary: &Summary, physics: bool) -> Table {
     let kinds = summary
         .kinds
         .iter()
-        .filter(|kind| kind.physics_decides == physics);
+        .filter(|kind| kind.limited_by_physics == limited_by_physics);
     Table {
-        caption: "Speeds, rise and pressure are the worst after the fault; the worst case is the \
-                  one nearest to a bound, in its share of it"
+        caption: "Largest speeds, rise and pressure after the fault. Worst case: its number, and \
+                  the largest ratio of a value to its bound"
             .into(),
         columns: [
             "fault",
-            "outside / cases",
+            "violations / cases",
             "fastest up / down",
             "at the end",
             "rise",
@@ -351,7 +372,7 @@ fn kinds_table(summary: &Summary, physics: bool) -> Table {
 }
 
 fn hardware_table(summary: &Summary) -> Table {
-    let row = |with: &WithHardware| {
+    let row = |with: &HardwareSummary| {
         let hardware = serde_json::to_value(with.hardware).unwrap_or_default();
         vec![
             with.kind.into(),
@@ -365,12 +386,12 @@ fn hardware_table(summary: &Summary) -> Table {
         ]
     };
     Table {
-        caption: "The same cases with hardware".into(),
+        caption: "The same cases with protective hardware".into(),
         columns: [
             "fault",
             "hardware",
             "fastest up / down",
-            "highest place",
+            "highest position",
             "pressure",
         ]
         .map(String::from)
@@ -385,7 +406,7 @@ fn cases_table(summary: &Summary) -> Table {
             outcome.case.to_string(),
             outcome.fault.clone(),
             format!("{:?}, {:.2} s", outcome.moment, outcome.fault_s),
-            outcome.outside.join(", "),
+            outcome.violations.join(", "),
             format!(
                 "{:.2} / {:.2} m/s",
                 outcome.speed_up_m_per_s_max, outcome.speed_down_m_per_s_max
@@ -401,14 +422,14 @@ fn cases_table(summary: &Summary) -> Table {
     };
     Table {
         caption: format!(
-            "Again, with its record: hil-sim faults --seed {} --case N",
+            "To repeat case N and record it: hil-sim faults --seed {} --case N",
             summary.seed
         ),
         columns: [
             "case",
             "fault",
             "when",
-            "outside",
+            "violations",
             "fastest up / down",
             "bounds",
             "reason",
@@ -431,34 +452,36 @@ pub fn report(summary: &Summary) -> Report {
         title: "The fault campaign".into(),
         verdict: vec![
             format!(
-                "{} of {} cases are outside their bounds.",
-                summary.outside, summary.cases
+                "{} of {} cases violate their bounds.",
+                summary.violating, summary.cases
             ),
-            "The controller in these cases is the one that is flashed to the board.".into(),
+            "The cases use the controller that is flashed to the board.".into(),
         ],
         sections: vec![
             section(
-                "Where the controller decides",
-                "The weight stays below the trip speed and a free fall until that is noticed, \
-                 within the muscle's stroke and a tenth above the supply's pressure.",
+                "Faults whose effect the controller limits",
+                "Bounds: the trip speed plus free fall during its detection, the muscle's stroke, \
+                 and 1.1 times the supply pressure.",
                 kinds_table(summary, false),
             ),
             section(
-                "Where physics decides",
-                "No controller helps a hose that is off. The bounds are energies: what the \
-                 supply's pressure can do to the weight, and what falling from there does.",
+                "Faults whose effect only energy limits",
+                "The controller cannot influence the motion, for example if the hose is off. \
+                 Bounds: the work of the supply pressure on the weight, and free fall from the \
+                 height that this reaches.",
                 kinds_table(summary, true),
             ),
             section(
                 "What hardware would do",
-                "The check valve sits in the muscle's port and shuts 10 ms after air or voltage is \
-                 lost; the stop begins at a contraction of 0.28, the relief valve at 420 kPa; the \
-                 throttle lets 3e-8 kg/(Pa·s) pass, the damper 0.25 m/s under the weight.",
+                "The check valve sits in the muscle's port and shuts 10 ms after air, voltage or \
+                 the pulses of the ticks are lost; the stop begins at a contraction of 0.28, the \
+                 relief valve at 420 kPa; the throttle lets 3e-8 kg/(Pa·s) pass, the damper \
+                 0.25 m/s under the weight.",
                 hardware_table(summary),
             ),
             section(
                 "Worst cases",
-                "Nearest to their bounds first.",
+                "Sorted by the largest ratio of a value to its bound.",
                 cases_table(summary),
             ),
         ],

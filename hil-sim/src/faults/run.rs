@@ -1,12 +1,14 @@
-//! One case: the closed loop with a fault in it.
+//! Runs one case: the closed loop with a fault.
 
 use super::bounds::bounds;
 use super::instruments::{Instruments, noise_on_link};
 use super::kind::{Inject, LinkFault, TickFault};
 use super::outcome::{CaseMonitor, Outcome};
-use super::plant::{BrokenValve, FallingSupply, Hardware, Hole, LOCK_S, OtherLoad};
-use super::unit::{Stored, Told, Unit, frame};
-use super::{ASKS_S, Case, Moment};
+use super::plant::{
+    BrokenValve, CHECK_VALVE_S, FallingSupply, Hardware, Hole, OtherLoad, PULSES_LAST_S,
+};
+use super::unit::{DeviceOutput, Stored, Unit, frame};
+use super::{Case, Moment, REQUEST_S};
 use crate::bench::board_settings;
 use crate::bench::closed_loop::Run;
 use crate::bench::person::Hand;
@@ -27,28 +29,32 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
-/// Time that the program takes from a reset to its first tick \[s\].
+/// Time from a reset of the device to its first tick \[s\].
 const BOOT_S: f64 = 0.005;
-/// The peak speed is looked for so often in a tick.
-const LOOKS: u32 = 5;
-/// An experiment's pressure over what a finger would travel: 180 to 360 kPa.
+/// Number of samples per tick for the peaks of the plant's state.
+const SAMPLES_PER_TICK: u32 = 5;
+/// Pressure of the played test signal per intended travel of the finger: it reaches 180 to 360 kPa.
 const PLAYED_PA_PER_M: f64 = 3e6;
-/// The highest that the settings of such a case allow \[Pa\].
+/// Highest pressure of a test signal that the settings allow in such a case \[Pa\].
 const PLAYED_PA_MAX: f32 = 4e5;
-/// The link that nothing comes over any more.
+/// The fault after which nothing is received over the link.
 const CUT: Inject = Inject::Link(LinkFault::Cut);
-/// A lever is slammed within this \[s\].
+/// Time in which the lever is slammed to its position \[s\].
 const SLAM_S: f64 = 0.03;
 
-/// The plant of a case, its faults and hardware in it.
+/// The plant of a case, with its fault and protective hardware.
 fn plant(case: &Case) -> Result<Plant, BadInput> {
     let mut plant = case.rig.plant(Simulated::WHOLE)?;
     let valve = case.rig.require_valve()?;
     let (begins_s, size) = (case.fault_s, case.size);
-    let locks = case.hardware == Hardware::CheckValve;
+    let has_check_valve = case.hardware == Hardware::CheckValve;
     let hole = |conductance_kg_per_pa_s, until_s| Hole {
         from_s: begins_s,
-        to_s: if locks { until_s } else { f64::INFINITY },
+        to_s: if has_check_valve {
+            until_s
+        } else {
+            f64::INFINITY
+        },
         conductance_kg_per_pa_s,
     };
     let mut loses_air = false;
@@ -64,7 +70,7 @@ fn plant(case: &Case) -> Result<Plant, BadInput> {
                 begins_s,
                 share: -1.0,
             })));
-            plant.add(Term::Gas(Box::new(hole(size, begins_s + LOCK_S))));
+            plant.add(Term::Gas(Box::new(hole(size, begins_s + CHECK_VALVE_S))));
         }
         Inject::Supply(share) => {
             loses_air = true;
@@ -79,31 +85,27 @@ fn plant(case: &Case) -> Result<Plant, BadInput> {
             let factor = size;
             plant.add(Term::Load(Box::new(OtherLoad { begins_s, factor })));
         }
-        Inject::Hang | Inject::PowerLost => loses_air = true,
+        Inject::PowerLost => loses_air = true,
         _ => {}
     }
-    // After a reset the valve is at its exhaust only then.
-    let loses_s = match case.kind.inject {
-        Inject::Hang => begins_s + size,
-        _ => begins_s,
-    };
     let gain = valve.flow_gain_kg_per_pa_s;
-    for term in case.hardware.terms(loses_s, loses_air, gain) {
+    for term in case.hardware.terms(begins_s, loses_air, gain) {
         plant.add(term);
     }
     Ok(plant)
 }
 
-/// When the device does not tick.
+/// The ticks that the device misses.
 struct Schedule {
-    /// It hangs until here, the DAC as it was, and is reset.
+    /// Time until which it hangs, with a constant DAC output, and is then reset.
     reset_s: Option<f64>,
-    /// Its first tick after that.
+    /// Time of its first tick after the reset.
     ticks_again_s: f64,
-    /// Ticks to be left out in a row, and those of which every second one is.
+    /// Number of the next ticks that are missed.
     leave_out: u32,
+    /// Number of the next ticks of which every second one is missed.
     halting: u32,
-    /// Ticks left out since the last one; before the first there is none to miss.
+    /// Ticks missed since the last one; `None` before the first tick.
     missed: Option<u8>,
     period_s: f64,
 }
@@ -118,14 +120,14 @@ impl Schedule {
         period_s: TICK_S,
     };
 
-    /// True where this tick does not happen.
-    fn leaves_out(&mut self) -> bool {
+    /// Whether this tick is missed.
+    fn is_missed(&mut self) -> bool {
         let halts = self.halting > 0 && self.halting.is_multiple_of(2);
         self.halting = self.halting.saturating_sub(1);
-        let leaves_out = halts || self.leave_out > 0;
+        let is_missed = halts || self.leave_out > 0;
         self.leave_out = self.leave_out.saturating_sub(1);
-        self.missed = self.missed.map(|missed| missed + u8::from(leaves_out));
-        leaves_out
+        self.missed = self.missed.map(|missed| missed + u8::from(is_missed));
+        is_missed
     }
 
     fn hangs(&self, time_s: f64) -> bool {
@@ -133,15 +135,15 @@ impl Schedule {
     }
 }
 
-/// What a tick read of the hand and the plant.
+/// The hand and the pins at the beginning of a tick.
 struct Reading {
     finger_m: f64,
     finger_force_n: f64,
     pins: Pins,
 }
 
-/// A case while it runs.
-struct Scene<'a> {
+/// The state of a running case.
+struct CaseRun<'a> {
     case: &'a Case,
     values: &'a SettingsValues,
     hand: Hand,
@@ -151,23 +153,24 @@ struct Scene<'a> {
     instruments: Instruments<'a>,
     schedule: Schedule,
     monitor: CaseMonitor<'a>,
-    told: Told,
-    /// Assistance has been asked for.
-    asked: bool,
-    /// The fault has fallen.
-    fallen: bool,
-    /// Where a slow valve is, and where a stuck DAC \[Pa\].
+    device: DeviceOutput,
+    /// When the level for the valve in the port last changed \[s\].
+    pulsed_s: f64,
+    assist_requested: bool,
+    fault_occurred: bool,
+    /// Effective reference of a slow valve \[Pa\].
     slow_pa: f64,
+    /// Reference at which the DAC is stuck \[Pa\].
     stuck_pa: Option<f64>,
 }
 
-impl<'a> Scene<'a> {
-    fn new(case: &'a Case, values: &'a SettingsValues) -> Result<Scene<'a>, BadInput> {
+impl<'a> CaseRun<'a> {
+    fn new(case: &'a Case, values: &'a SettingsValues) -> Result<CaseRun<'a>, BadInput> {
         let plant = plant(case)?;
         let initial = Initial::vented(&plant);
         let drive = Drive::default();
         let tolerance = Run::PAPER.tolerance;
-        Ok(Scene {
+        Ok(CaseRun {
             case,
             values,
             hand: Hand {
@@ -181,22 +184,24 @@ impl<'a> Scene<'a> {
             instruments: Instruments::new(case, values),
             schedule: Schedule::REGULAR,
             monitor: CaseMonitor::new(case, bounds(case, values)),
-            told: Told::default(),
-            asked: false,
-            fallen: false,
+            device: DeviceOutput::default(),
+            pulsed_s: f64::NEG_INFINITY,
+            assist_requested: false,
+            fault_occurred: false,
             slow_pa: 0.0,
             stuck_pa: None,
         })
     }
 
-    /// The fault, where it has fallen, and \[s\] since then.
+    /// The fault, if it has occurred, and the time since then \[s\].
     fn fault(&self, time_s: f64) -> Option<(Inject, f64)> {
         let since_s = time_s - self.case.fault_s;
-        self.fallen.then_some((self.case.kind.inject, since_s))
+        self.fault_occurred
+            .then_some((self.case.kind.inject, since_s))
     }
 
-    /// What happens at once when the fault falls.
-    fn fall(&mut self, unit: &mut impl Unit, time_s: f64) {
+    /// Starts the fault.
+    fn start_fault(&mut self, unit: &mut impl Unit, time_s: f64) {
         let (case, schedule) = (self.case, &mut self.schedule);
         match case.kind.inject {
             Inject::Hang => {
@@ -216,11 +221,11 @@ impl<'a> Scene<'a> {
             }
             _ => {}
         }
-        self.fallen = true;
-        self.monitor.begin(&self.simulation);
+        self.fault_occurred = true;
+        self.monitor.record_fault(&self.simulation);
     }
 
-    /// What the hand does and the instruments make of it.
+    /// Reads the hand and the instruments.
     fn read(&mut self, time_s: f64) -> Reading {
         let fault = self.fault(time_s);
         let reading = self.simulation.read();
@@ -230,10 +235,10 @@ impl<'a> Scene<'a> {
         }
         let contraction = self.simulation.contraction();
         let finger_m = self.hand.finger_m(intended_m, contraction);
-        // While a test signal is played the lever is free, unless the fault slams it.
-        let let_go =
+        // While a test signal is played the lever is released, unless the fault slams it.
+        let is_released =
             self.case.moment == Moment::Playing && !matches!(fault, Some((Inject::Lever, _)));
-        let finger_force_n = if let_go {
+        let finger_force_n = if is_released {
             0.0
         } else {
             self.hand.force_n(finger_m, contraction)
@@ -245,32 +250,36 @@ impl<'a> Scene<'a> {
             reading.contraction * self.hand.initial_length_m,
         ];
         let since_s = fault.map(|(_, since_s)| since_s);
+        let mut pins = self.instruments.pins(truth, since_s, normal);
+        if let Some((Inject::Stop(open), _)) = fault {
+            pins.stop_open = open;
+        }
         Reading {
             finger_m,
             finger_force_n,
-            pins: self.instruments.pins(truth, since_s, normal),
+            pins,
         }
     }
 
-    /// What is asked for: assistance once, as soon as it is offered, or an experiment in each tick,
-    /// until it falls silent.
+    /// The request of the PC: assistance once, as soon as the device is ready; or the pressure of a
+    /// test signal in each tick, until its end.
     fn request(&mut self, time_s: f64) -> Request {
-        let mode = self.told.output.mode;
+        let mode = self.device.output.mode;
         let plays = self.case.moment == Moment::Playing;
-        let may_ask = time_s >= ASKS_S && !matches!(self.fault(time_s), Some((CUT, _)));
+        let may_request = time_s >= REQUEST_S && !matches!(self.fault(time_s), Some((CUT, _)));
         match mode {
-            Mode::Ready | Mode::Playing if may_ask && plays && time_s < self.case.used_s => {
+            Mode::Ready | Mode::Playing if may_request && plays && time_s < self.case.used_s => {
                 Request::Play((PLAYED_PA_PER_M * self.case.finger.intended_m(time_s)) as u32)
             }
-            Mode::Ready if may_ask && !plays && !self.asked => {
-                self.asked = true;
+            Mode::Ready if may_request && !plays && !self.assist_requested => {
+                self.assist_requested = true;
                 Request::Assist
             }
             _ => Request::None,
         }
     }
 
-    /// What comes over the link.
+    /// The request and the bytes on the link; `begins` in the tick in which the fault occurs.
     fn bytes(&mut self, time_s: f64, begins: bool) -> (Request, Vec<u8>) {
         let (request, mut bytes) = (self.request(time_s), Vec::new());
         if request != Request::None {
@@ -283,15 +292,16 @@ impl<'a> Scene<'a> {
         (request, bytes)
     }
 
-    /// The device's tick; returns the ticks missed before it, or nothing where it does not happen.
+    /// Runs the device's tick and returns the number of ticks missed before it; `None` if this tick
+    /// is missed.
     fn tick(&mut self, unit: &mut impl Unit, time_s: f64, pins: &Pins, bytes: &[u8]) -> Option<u8> {
         let schedule = &mut self.schedule;
         if schedule.reset_s.is_some_and(|reset_s| time_s >= reset_s) {
             unit.restart();
-            self.told = Told::default();
+            self.device = DeviceOutput::default();
             schedule.reset_s = None;
         }
-        if schedule.leaves_out() {
+        if schedule.is_missed() {
             unit.skip();
             return None;
         }
@@ -303,32 +313,39 @@ impl<'a> Scene<'a> {
             Some((Inject::Ticks(TickFault::Late), _)) => self.case.size,
             _ => 0.0,
         };
-        self.told = unit.tick(pins, missed_ticks, late_s, bytes);
-        self.monitor.told(time_s, &self.told);
+        let device = unit.tick(pins, missed_ticks, late_s, bytes);
+        if device.port_pulse != self.device.port_pulse {
+            self.pulsed_s = time_s + late_s;
+        }
+        self.device = device;
+        self.monitor.record_output(time_s, &self.device);
         Some(missed_ticks)
     }
 
-    /// What comes out of the DAC and its amplifier \[Pa\].
-    fn sent_pa(&mut self) -> f64 {
+    /// The valve's reference at the output of the DAC's amplifier \[Pa\].
+    fn valve_reference_pa(&mut self) -> f64 {
         let pa = |count| f64::from(self.values.valve_drive.pressure(count).0);
-        match (self.case.kind.inject, self.fallen) {
+        match (self.case.kind.inject, self.fault_occurred) {
             (Inject::Dac, true) if self.case.size < 0.0 => {
                 *self.stuck_pa.get_or_insert(self.drive.reference.0)
             }
             (Inject::Dac, true) => self.case.size * pa(DacCount::new(COUNT_MAX)),
-            _ => pa(self.told.valve),
+            _ => pa(self.device.valve),
         }
     }
 
     fn advance(&mut self, until_s: f64) -> Result<(), BadInput> {
+        let shuts_s = self.pulsed_s + PULSES_LAST_S + CHECK_VALVE_S;
+        self.drive.shut = self.case.hardware == Hardware::CheckValve && until_s > shuts_s;
         let advanced = self.simulation.advance(&self.drive, until_s);
         advanced.map_err(|error| self.case.rig.unsolvable(error))?;
-        self.monitor.look(until_s, &self.simulation);
+        self.monitor.record_state(until_s, &self.simulation);
         Ok(())
     }
 
-    /// The plant's part of a tick, in which the valve comes to `sent_pa`; returns when it ends.
-    fn advance_a_tick(&mut self, time_s: f64, sent_pa: f64) -> Result<f64, BadInput> {
+    /// Advances the plant by a tick with the valve's new reference `reference_pa`; returns the end
+    /// of the tick \[s\].
+    fn advance_a_tick(&mut self, time_s: f64, reference_pa: f64) -> Result<f64, BadInput> {
         let (delay_s, slow) = match self.fault(time_s) {
             Some((Inject::Ticks(TickFault::Late), _)) => (self.case.size, false),
             Some((Inject::ValveSlow, _)) => (Run::PAPER.output_delay_s, true),
@@ -337,13 +354,14 @@ impl<'a> Scene<'a> {
         let (begins_s, ends_s) = (time_s + delay_s, time_s + self.schedule.period_s);
         self.advance(begins_s)?;
         if !slow {
-            self.slow_pa = sent_pa;
+            self.slow_pa = reference_pa;
         }
-        for look in 1..=LOOKS {
-            let until_s = begins_s + (ends_s - begins_s) * f64::from(look) / f64::from(LOOKS);
+        for sample in 1..=SAMPLES_PER_TICK {
+            let share = f64::from(sample) / f64::from(SAMPLES_PER_TICK);
+            let until_s = begins_s + (ends_s - begins_s) * share;
             if slow {
-                let share = self.schedule.period_s / f64::from(LOOKS) / self.case.size;
-                self.slow_pa += (sent_pa - self.slow_pa) * share.min(1.0);
+                let share = self.schedule.period_s / f64::from(SAMPLES_PER_TICK) / self.case.size;
+                self.slow_pa += (reference_pa - self.slow_pa) * share.min(1.0);
             }
             self.drive.reference = GaugePa(self.slow_pa);
             self.advance(until_s)?;
@@ -352,30 +370,30 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Runs `case` on `unit`, a board with `settings`; `seen` is told of each tick.
+/// Runs `case` on `unit`, a device with `settings`; `on_tick` is called with each tick.
 ///
 /// # Errors
-/// The case's rig does not fit, or its plant cannot be followed.
+/// The rig lacks a section that the case needs, or its plant cannot be integrated.
 pub fn run(
     case: &Case,
     settings: &Settings,
     unit: &mut impl Unit,
-    mut seen: impl FnMut(&Tick),
+    mut on_tick: impl FnMut(&Tick),
 ) -> Result<Outcome, BadInput> {
-    let mut scene = Scene::new(case, settings.values())?;
+    let mut case_run = CaseRun::new(case, settings.values())?;
     let mut time_s = 0.0;
-    while time_s < scene.monitor.ends_s() {
-        let begins = !scene.fallen && time_s >= case.fault_s;
+    while time_s < case_run.monitor.ends_s() {
+        let begins = !case_run.fault_occurred && time_s >= case.fault_s;
         if begins {
-            scene.fall(unit, time_s);
+            case_run.start_fault(unit, time_s);
         }
-        let read = scene.read(time_s);
-        let (request, bytes) = scene.bytes(time_s, begins);
-        let ticked = scene.tick(unit, time_s, &read.pins, &bytes);
-        let sent_pa = scene.sent_pa();
+        let read = case_run.read(time_s);
+        let (request, bytes) = case_run.bytes(time_s, begins);
+        let ticked = case_run.tick(unit, time_s, &read.pins, &bytes);
+        let reference_pa = case_run.valve_reference_pa();
         if let Some(missed_ticks) = ticked {
-            let simulation = &scene.simulation;
-            seen(&Tick {
+            let simulation = &case_run.simulation;
+            on_tick(&Tick {
                 time_s,
                 finger_m: read.finger_m,
                 finger_force_n: read.finger_force_n,
@@ -383,15 +401,15 @@ pub fn run(
                 contraction: simulation.contraction(),
                 pressure: simulation.pressure(),
                 temperature_k: simulation.temperature_k(),
-                valve_reference: GaugePa(sent_pa),
+                valve_reference: GaugePa(reference_pa),
                 shut: None,
                 sensors: sensors(&read.pins, missed_ticks, request),
-                output: scene.told.output,
+                output: case_run.device.output,
             });
         }
-        time_s = scene.advance_a_tick(time_s, sent_pa)?;
+        time_s = case_run.advance_a_tick(time_s, reference_pa)?;
     }
-    Ok(scene.monitor.outcome(&scene.told))
+    Ok(case_run.monitor.outcome(&case_run.device))
 }
 
 fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
@@ -404,7 +422,7 @@ fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
     }
 }
 
-/// What the flash of a case's board holds, where something is stored in it.
+/// The content of the flash of a case's board, if settings are stored in it.
 pub fn stored(case: &Case) -> Option<Stored> {
     let plays = case.moment == Moment::Playing;
     let board = SettingsValues {
@@ -421,11 +439,11 @@ pub fn stored(case: &Case) -> Option<Stored> {
     }
 }
 
-/// The settings of a case's board, and whether it may have them: the nominal rig's, or what is left
-/// of stored ones.
+/// The settings of a case's board, and whether they are valid: those of the nominal rig, or those
+/// read from its flash.
 ///
 /// # Errors
-/// The rig does not fit a board.
+/// The settings of the nominal rig exceed the limits of a board.
 pub fn settings(case: &Case) -> Result<(Settings, bool), BadInput> {
     match stored(case) {
         Some(stored) => Ok(stored.load()),

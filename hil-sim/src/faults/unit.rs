@@ -1,4 +1,4 @@
-//! What ticks in a case: the device of the firmware, here or on a board.
+//! The unit under test: the device of the firmware, on this PC or on a board.
 
 use super::kind::{Memory, SettingsFault};
 use super::memory::{flip_hil, flip_settings, flip_state};
@@ -12,46 +12,48 @@ use model_core::store::{self, SLOT_LEN};
 use model_core::timing::Timing;
 use rand::{Rng, RngExt};
 
-/// What a tick has come to.
+/// Output of the device in a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Told {
-    /// The DAC.
+pub struct DeviceOutput {
+    /// Count of the DAC that drives the valve.
     pub valve: DacCount,
     /// The controller's output.
     pub output: Output,
+    /// Level for the valve in the muscle's port.
+    pub port_pulse: bool,
 }
 
-/// A device under test.
+/// The unit under test.
 pub trait Unit {
-    /// One tick that comes so late \[s\]: what the pins say, the ticks missed before it, and the
-    /// bytes that have come.
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, late_s: f64, bytes: &[u8]) -> Told;
+    /// Runs one tick that is late by `late_s`, with the pins, the number of ticks missed before it
+    /// and the bytes received over the link.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, late_s: f64, bytes: &[u8]) -> DeviceOutput;
 
-    /// A tick that does not happen.
+    /// Misses one tick.
     fn skip(&mut self);
 
-    /// The chip is reset and its program restarts.
+    /// Resets the chip, so that its program restarts.
     fn restart(&mut self);
 
-    /// A bit of the memory flips in that copy.
+    /// Flips a bit in one copy of the memory.
     fn damage(&mut self, memory: Memory, copy: usize, bit: usize);
 }
 
-/// The firmware's device in this program, with its controller or another one.
+/// The firmware's device on this PC, with any controller.
 pub struct OnPc<C> {
     /// The device at power-on.
     at_power_on: Device<C>,
     device: Device<C>,
     decoder: Decoder,
-    /// Where the encoder was when its counter began at zero.
+    /// Count of the encoder at the start of the device, whose counter starts at zero.
     counts_from: Option<EncoderCount>,
 }
 
-/// Commands that the firmware queues for a tick.
+/// Length of the firmware's queue of commands for a tick.
 const QUEUE_LEN: usize = 15;
 
 impl<C: Control + Clone> OnPc<C> {
-    /// A device with a controller that has just been started.
+    /// A device at power-on.
     pub fn new(controller: C) -> OnPc<C> {
         let at_power_on = Device::with_controller(controller);
         OnPc {
@@ -66,7 +68,7 @@ impl<C: Control + Clone> OnPc<C> {
 impl<C: Control + Clone> Unit for OnPc<C> {
     fn skip(&mut self) {}
 
-    fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, bytes: &[u8]) -> Told {
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, bytes: &[u8]) -> DeviceOutput {
         let timing = Timing {
             missed_ticks,
             ..Timing::default()
@@ -91,9 +93,10 @@ impl<C: Control + Clone> Unit for OnPc<C> {
         let tick = self
             .device
             .tick(&pins, timing, vent.into_iter().chain(queue));
-        Told {
+        DeviceOutput {
             valve: tick.valve,
             output: tick.telemetry.output,
+            port_pulse: tick.port_pulse,
         }
     }
 
@@ -113,23 +116,23 @@ impl<C: Control + Clone> Unit for OnPc<C> {
     }
 }
 
-/// A message as it goes over the link.
+/// The frame that carries `message` over the link.
 pub fn frame(message: &ToDevice) -> Vec<u8> {
     let mut buffer = [0; FRAME_LEN_MAX];
     // Every message of the link fits into a frame.
     encode(message, &mut buffer).unwrap_or_default().to_vec()
 }
 
-/// A board's two sectors after a fault of what is stored in them.
+/// The two flash sectors of a board's settings, intact or after a fault.
 pub struct Stored {
-    /// Their first slots; the rest is blank.
+    /// The first slots of each sector; the rest is blank.
     pub sectors: [Vec<u8>; 2],
-    /// What may come out: the settings before, those that were being written, the reference.
+    /// The settings that may be loaded: the previous, the newly written, and the reference ones.
     allowed: [Settings; 3],
 }
 
 impl Stored {
-    /// These settings.
+    /// Sectors with these settings.
     pub fn new(values: &SettingsValues) -> Stored {
         let settings = valid(*values);
         let mut sectors = [(); 2].map(|()| vec![0xFF_u8; 4 * SLOT_LEN]);
@@ -140,16 +143,16 @@ impl Stored {
         }
     }
 
-    /// What `fault` leaves of these, with another gain.
+    /// Sectors with these settings, but other gains, after `fault` of the given size.
     pub fn after(
         values: &SettingsValues,
         fault: SettingsFault,
         size: f64,
         random: &mut impl Rng,
     ) -> Stored {
-        let of_gain = |gain: f32| SettingsValues { gain, ..*values };
-        let old = valid(of_gain(18.0));
-        let new = valid(of_gain(19.0));
+        let with_gain = |gain: f32| SettingsValues { gain, ..*values };
+        let old = valid(with_gain(18.0));
+        let new = valid(with_gain(19.0));
         let reference = valid(SettingsValues::reference());
         let Stored { mut sectors, .. } = Stored::new(old.values());
         match fault {
@@ -180,7 +183,7 @@ impl Stored {
         }
     }
 
-    /// What a board makes of it, and whether it may.
+    /// The settings that a board loads, and whether it may load them.
     pub fn load(&self) -> (Settings, bool) {
         let [old, new, reference] = self.allowed;
         let found = store::load([&self.sectors[0], &self.sectors[1]]);
@@ -189,7 +192,7 @@ impl Stored {
     }
 }
 
-/// What a case's board is given is within its limits.
+/// The settings of a case, which are always within their limits.
 fn valid(values: SettingsValues) -> Settings {
     match Settings::new(values) {
         Ok(settings) => settings,
@@ -197,11 +200,11 @@ fn valid(values: SettingsValues) -> Settings {
     }
 }
 
-/// Writes settings; `share` of their bytes.
+/// Writes settings, but only the given share of their bytes.
 fn write(sectors: &mut [Vec<u8>; 2], settings: &Settings, share: f64) {
     if let Ok(write) = store::store([&sectors[0], &sectors[1]], settings) {
         let bytes = write.bytes();
-        let done = (share * bytes.len() as f64) as usize;
-        sectors[write.sector][write.offset..][..done].copy_from_slice(&bytes[..done]);
+        let len = (share * bytes.len() as f64) as usize;
+        sectors[write.sector][write.offset..][..len].copy_from_slice(&bytes[..len]);
     }
 }

@@ -108,6 +108,8 @@ fn can_show(kind: &EffectKind, force_measured: bool, contraction_moves: bool) ->
     kind.requires.iter().all(|requirement| match requirement {
         Requirement::MeasuredForce => force_measured,
         Requirement::Motion => contraction_moves,
+        // How far the others matter, the fit shows.
+        _ => true,
     })
 }
 

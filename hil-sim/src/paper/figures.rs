@@ -10,7 +10,7 @@ use model_core::pressure::GaugePa;
 use muscle_plant::simulation::{Drive, Initial, Plant, Simulated, Simulation, TOLERANCE};
 use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 
-/// Fig 1: contraction over pressure at constant load, and the loop that friction alone makes.
+/// Fig 1: contraction over pressure at constant load, and the width of the loop due to friction.
 pub(super) fn fig_1(rig: &Rig) -> Result<(Plot, f64), BadInput> {
     let pressures = linspace(0.0, 5e5, 251);
     let mut lines = Vec::new();
@@ -24,7 +24,7 @@ pub(super) fn fig_1(rig: &Rig) -> Result<(Plot, f64), BadInput> {
         let name = format!("Eq 1, {force_n:.0} N");
         lines.push(Series::new(&name, pressures.clone(), contractions).dashed());
     }
-    // Slowly up and down, 10 kPa/s: the whole plant with its friction.
+    // Up and down at 10 kPa/s, with the complete plant including friction.
     let plant = rig.plant(Simulated::LOAD_ONLY)?;
     let initial = at_rest(0.0, GaugePa(0.0), &plant);
     let mut simulation = Simulation::new(plant, &initial, &Drive::default(), TOLERANCE);
@@ -135,7 +135,7 @@ pub(super) fn fig_5(rig: &Rig) -> Result<Vec<Plot>, BadInput> {
         contractions.push(Series::new(name, times, c));
     }
     let caption = format!(
-        "200 → 400 → 200 kPa with {} kg. The dip and bump are the muscle's own volume change.",
+        "200 → 400 → 200 kPa with {} kg. Dip and bump are due to the muscle's change of volume.",
         weight.mass_kg
     );
     let plot = |title: &str, caption: &str, y: Axis, series: Vec<Series>| Plot {
@@ -156,7 +156,7 @@ pub(super) fn fig_5(rig: &Rig) -> Result<Vec<Plot>, BadInput> {
         ),
         plot(
             "Fig 5: step of the reference, contraction",
-            "The weight rings at ω₂ on the muscle's stiffness and stops where friction holds it.",
+            "The weight oscillates at ω₂ on the stiffness of the muscle until friction holds it.",
             Axis::new("contraction", "%", 100.0),
             contractions,
         ),

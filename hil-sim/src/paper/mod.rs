@@ -1,4 +1,4 @@
-//! The paper's experiments and figures, ours beside what the paper says.
+//! The paper's experiments and figures, compared with the simulation.
 
 mod figures;
 
@@ -35,13 +35,13 @@ pub struct ValveResult {
     pub name: String,
     /// K_G \[kg/(Pa·s)\].
     pub flow_gain_kg_per_pa_s: f64,
-    /// K_G is at least what is needed.
+    /// Whether K_G is sufficient.
     pub sufficient: bool,
-    /// How F followed F_c.
+    /// Tracking of F_c by F.
     pub tracking: Tracking,
 }
 
-/// The paper's numbers, from our model.
+/// The paper's numbers, from the simulation.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// ω₂/2π at 400 kPa \[Hz\].
@@ -50,9 +50,9 @@ pub struct Summary {
     pub volume_ratio: f64,
     /// Flow gain at which ω₁ = ω₂ at 400 kPa \[kg/(Pa·s)\].
     pub flow_gain_needed_kg_per_pa_s: f64,
-    /// Width in ε at equal pressure that friction alone gives the static curve \[-\].
+    /// Width in ε of the static loop at equal pressure, due to friction alone \[-\].
     pub friction_loop_contraction: f64,
-    /// Both valves.
+    /// Results of both valves.
     pub valves: Vec<ValveResult>,
 }
 
@@ -90,10 +90,10 @@ pub fn both_valves(rig: &Rig, run: &Run, tick_done: &dyn Fn()) -> Result<Vec<Ass
         .collect()
 }
 
-/// Everything at once: the report of the paper, its numbers, and Fig 8's runs.
+/// The report of the comparison, its numbers, and the runs of Fig 8.
 ///
 /// # Errors
-/// The rig lacks something; a run left physics.
+/// The rig lacks a section; the plant has no solution.
 pub fn paper(rig: &Rig, run: &Run) -> Result<(Report, Summary, Vec<AssistRun>), BadInput> {
     let (fig_1, friction_loop_contraction) = fig_1(rig)?;
     let (fig_2, volume_ratio) = fig_2(rig)?;
@@ -159,7 +159,7 @@ fn report(
         sections: vec![
             section(
                 "The paper's numbers",
-                "What the paper states, in its words, and what this model gives.",
+                "Quotations from the paper, and the results of this model.",
                 vec![comparison(summary)],
                 Vec::new(),
             ),
@@ -171,14 +171,14 @@ fn report(
                 assist_plots(runs),
             ),
             section(
-                "Fig 7: which valve is fast enough",
+                "Fig 7: bandwidth of the valves",
                 "The circuit linearised at 400 kPa (Eqs 10 and 11).",
                 Vec::new(),
                 bode,
             ),
             section(
                 "Fig 5: step responses",
-                "The plant alone.",
+                "The plant without the controller.",
                 Vec::new(),
                 steps,
             ),
@@ -190,7 +190,7 @@ fn report(
             ),
             section(
                 "Table 1: parameters",
-                "The paper's values, and those it leaves out.",
+                "The paper's values, and those that it does not state.",
                 vec![table_1(rig)?],
                 Vec::new(),
             ),
@@ -204,7 +204,7 @@ fn verdict(summary: &Summary) -> Vec<String> {
         let verdict = if valve.sufficient {
             "is sufficient"
         } else {
-            "is not"
+            "is not sufficient"
         };
         format!(
             "{} ({:.1e}) {verdict}",
@@ -226,7 +226,7 @@ fn verdict(summary: &Summary) -> Vec<String> {
             judged.collect::<Vec<_>>().join(", ")
         ),
         format!(
-            "That is what the person feels: {}.",
+            "With the paper's finger motion, {}.",
             felt.collect::<Vec<_>>().join("; ")
         ),
     ]
@@ -254,7 +254,7 @@ fn comparison(summary: &Summary) -> Table {
         format!("{}: {verdict}", valve.name)
     });
     Table {
-        caption: "Ours beside the paper's".into(),
+        caption: "Comparison with the paper".into(),
         columns: ["quantity", "the paper", "this model"]
             .map(String::from)
             .into(),
@@ -287,14 +287,14 @@ fn comparison(summary: &Summary) -> Table {
             row(["Fig 8 (b), valve B", "F «traces F_b very well»", &lag(1)]),
             row([
                 "width of Fig 1's loop in ε",
-                "up to 0.05 (hysteresis, left out of the model)",
+                "up to 0.05 (hysteresis, not in the model)",
                 &format!("{:.3} (friction alone)", summary.friction_loop_contraction),
             ]),
         ],
     }
 }
 
-/// Name, value, unit, and where the paper's rig has it from.
+/// Name, value, unit and source of a parameter.
 type Parameter = (&'static str, f64, &'static str, &'static str);
 
 fn parameters(rig: &Rig) -> Result<Vec<Parameter>, BadInput> {
@@ -305,7 +305,7 @@ fn parameters(rig: &Rig) -> Result<Vec<Parameter>, BadInput> {
         rig.require_gas()?,
     );
     const PRINTED: &str = "Table 1";
-    const CHOSEN: &str = "chosen: the paper leaves it out";
+    const CHOSEN: &str = "chosen, as the paper does not state it";
     let muscle = &rig.nominal.muscle;
     let supply_kpa = valve.supply_pressure.0 / 1e3;
     let rows: [Parameter; 14] = [

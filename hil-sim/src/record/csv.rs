@@ -16,7 +16,7 @@ const REPEATED_ONE_IN: usize = 100;
 /// What is expected of a time that is not after `before_s`.
 fn not_after(before_s: f64, time_s: f64) -> String {
     format!(
-        "a time after {before_s}, found {time_s} (`hil-sim import` mends clocks that repeat or \
+        "a time after {before_s}, found {time_s} (`hil-sim import` corrects clocks that repeat or \
          restart)"
     )
 }

@@ -1,7 +1,7 @@
-//! One result, for the eye: a self-contained `report.html`, and the same words for a terminal.
+//! Reports of results: a self-contained `report.html`, and the same text for a terminal.
 //!
-//! The page opens offline. Its plots are uPlot's (assets/, MIT): drag to zoom, double-click to see
-//! all again, hover for values; plots of one `sync` group share cursor and zoom.
+//! The page needs no network. Its plots use uPlot (assets/, MIT): drag to zoom, double-click to
+//! reset the zoom, hover for values; plots of one `sync` group share cursor and zoom.
 
 use serde::Serialize;
 use std::fmt::Write;
@@ -11,26 +11,26 @@ const SCRIPT: &str = include_str!("../../assets/report.js");
 const PLOT_STYLE: &str = include_str!("../../assets/uPlot.min.css");
 const PLOT_SCRIPT: &str = include_str!("../../assets/uPlot.iife.min.js");
 
-/// Points that a thinned line keeps: more than a screen has columns.
+/// Number of points of a decimated line, more than the columns of a screen.
 const POINTS_MAX: usize = 4000;
 
-/// Digits that a plotted number keeps: finer than a pixel at any zoom one would use.
+/// Significant digits of a plotted number, finer than a pixel at any practical zoom.
 const DIGITS: usize = 6;
 
-/// A whole report.
+/// A report.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
-    /// What it is about.
+    /// Its title.
     pub title: String,
-    /// The result in words, each sentence with its number; the first is the headline.
+    /// The results, one sentence each; the first is the headline.
     pub verdict: Vec<String>,
-    /// The rest, in reading order.
+    /// The sections, in reading order.
     pub sections: Vec<Section>,
-    /// Commands that make the same report again.
+    /// Commands that reproduce the report.
     pub repeat: Vec<String>,
 }
 
-/// A part with a heading.
+/// A section with a heading.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     /// Its heading.
@@ -41,31 +41,31 @@ pub struct Section {
     pub tables: Vec<Table>,
     /// Plots.
     pub plots: Vec<Plot>,
-    /// A file's text, shown as it is, after all else; empty if there is none.
+    /// Text of a file, shown verbatim at the end; empty if there is none.
     pub code: String,
 }
 
-/// A table of words.
+/// A table of text cells.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
-    /// What it shows.
+    /// Its caption.
     pub caption: String,
     /// Column headings.
     pub columns: Vec<String>,
-    /// Rows, one cell a column.
+    /// Rows with one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 
 /// An axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct Axis {
-    /// The quantity, in words.
+    /// Name of the quantity.
     pub label: String,
-    /// The unit that is shown; may be empty.
+    /// The displayed unit; may be empty.
     pub unit: String,
-    /// Shown value over SI value.
+    /// Ratio of the displayed value to the value in SI units.
     pub factor: f64,
-    /// Logarithmic.
+    /// Whether it is logarithmic.
     pub log: bool,
 }
 
@@ -80,7 +80,7 @@ impl Axis {
         }
     }
 
-    /// The same, logarithmic.
+    /// The same axis, logarithmic.
     pub fn log(self) -> Axis {
         Axis { log: true, ..self }
     }
@@ -97,12 +97,12 @@ pub struct Series {
     /// Ordinates in SI units; a NaN is a gap.
     #[serde(serialize_with = "numbers")]
     pub y: Vec<f64>,
-    /// Dashed: a reference, a model.
+    /// Whether it is dashed, as references and models are.
     pub dashed: bool,
 }
 
 impl Series {
-    /// A drawn line.
+    /// A solid line.
     pub fn new(name: &str, x: Vec<f64>, y: Vec<f64>) -> Series {
         Series {
             name: name.into(),
@@ -112,7 +112,7 @@ impl Series {
         }
     }
 
-    /// A line thinned to what can be seen: of each stretch its lowest and its highest point.
+    /// A decimated line: of each interval the lowest and the highest point.
     pub fn thinned(name: &str, x: &[f64], y: &[f64]) -> Series {
         let stretch = (2 * y.len()).div_ceil(POINTS_MAX).max(1);
         if y.len() <= POINTS_MAX {
@@ -131,7 +131,7 @@ impl Series {
         thinned
     }
 
-    /// The same, dashed.
+    /// The same line, dashed.
     pub fn dashed(self) -> Series {
         Series {
             dashed: true,
@@ -140,14 +140,14 @@ impl Series {
     }
 }
 
-/// A straight line across a plot.
+/// A horizontal or vertical line across a plot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Marker {
-    /// Vertical, at an abscissa; else horizontal, at an ordinate.
+    /// Whether it is vertical, at an abscissa, or horizontal, at an ordinate.
     pub vertical: bool,
-    /// Where, in SI units.
+    /// The abscissa or ordinate in SI units.
     pub value: f64,
-    /// What it means.
+    /// Its label.
     pub label: String,
 }
 
@@ -156,7 +156,7 @@ pub struct Marker {
 pub struct Plot {
     /// Its title.
     pub title: String,
-    /// What there is to see.
+    /// Its caption.
     pub caption: String,
     /// Abscissa.
     pub x: Axis,
@@ -164,13 +164,13 @@ pub struct Plot {
     pub y: Axis,
     /// Lines.
     pub series: Vec<Series>,
-    /// Lines across.
+    /// Markers.
     pub markers: Vec<Marker>,
-    /// Plots with the same name here share cursor and zoom.
+    /// Name of the group of plots that share cursor and zoom.
     pub sync: Option<String>,
 }
 
-/// Writes numbers with the digits that can be seen, and null for what is none.
+/// Writes numbers with the visible digits, and null for NaN and infinity.
 fn numbers<S: serde::Serializer>(values: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_seq(values.iter().map(|value| {
         let rounded = format!("{value:.*e}", DIGITS - 1).parse::<f64>();
@@ -178,7 +178,7 @@ fn numbers<S: serde::Serializer>(values: &[f64], serializer: S) -> Result<S::Ok,
     }))
 }
 
-/// `text` as HTML shows it.
+/// `text` escaped for HTML.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -193,7 +193,7 @@ fn escaped(text: &str) -> String {
     escaped
 }
 
-/// A cell as HTML shows it, units kept on the line of their number.
+/// A cell escaped for HTML, with no line break between a number and its unit.
 fn cell(text: &str) -> String {
     let mut cell = String::with_capacity(text.len());
     let mut rest = text.chars().peekable();
@@ -216,7 +216,7 @@ impl Report {
         let mut plots = Vec::new();
         // Writing to a string cannot fail.
         let _ = self.write_body(&mut body, &mut plots);
-        // In a script only "</" could end the data early.
+        // In a script only "</" could end the data.
         let data = serde_json::to_string(&plots)
             .unwrap_or_default()
             .replace("</", "<\\/");
@@ -276,7 +276,7 @@ impl Report {
         )
     }
 
-    /// The words and tables, for a terminal.
+    /// Text and tables, for a terminal.
     pub fn to_text(&self) -> String {
         let mut text = String::new();
         let _ = self.write_text(&mut text);
@@ -373,16 +373,16 @@ mod tests {
     }
 
     #[test]
-    fn text_cannot_leave_its_place() {
+    fn text_is_escaped() {
         let html = sample().to_html();
-        // Three scripts of ours, and no other end of one.
+        // The report has three scripts; the text must not close one.
         assert_eq!(html.matches("</script>").count(), 3);
         assert!(html.contains("&lt;/script&gt;&lt;script&gt;alert(1)"));
         assert!(html.contains("a &lt;b&gt; &amp; &quot;c&quot;"));
     }
 
     #[test]
-    fn nothing_is_fetched() {
+    fn report_needs_no_network() {
         let html = sample().to_html();
         for fetched in [
             " src=",
@@ -402,13 +402,13 @@ mod tests {
     }
 
     #[test]
-    fn units_stay_with_their_numbers() {
+    fn no_line_break_separates_a_number_from_its_unit() {
         assert_eq!(cell("4.00 Hz"), "4.00\u{a0}Hz");
         assert_eq!(cell("valve A: 3 < 4"), "valve A: 3 &lt; 4");
     }
 
     #[test]
-    fn tables_line_up_in_text() {
+    fn columns_of_tables_are_aligned_in_text() {
         let table = Table {
             caption: String::new(),
             columns: vec!["ω₂".into(), "unit".into()],

@@ -1,4 +1,4 @@
-//! The rig: one muscle, its load, valve, gas and lever, as `rig.toml` states them.
+//! The rig: one muscle with its load, valve, gas and lever, as described by `rig.toml`.
 
 mod edit;
 mod keys;
@@ -40,7 +40,7 @@ pub struct Rig {
     pub catalogue: Catalogue,
     /// Relative standard deviations of the nominal values; a value without one is exact.
     pub tolerances: Vec<Tolerance>,
-    /// Effects beyond the nominal model.
+    /// Effects in addition to the nominal model.
     pub effects: Vec<Effect>,
 }
 
@@ -153,7 +153,7 @@ impl Rig {
 
     /// Bad input for a simulation that failed, if the rig is its only input.
     pub fn unsolvable(&self, error: SimulationError) -> BadInput {
-        self.bad_file(&format!("a rig whose plant can be followed, {error}"))
+        self.bad_file(&format!("a rig whose plant can be integrated, {error}"))
     }
 
     /// Bad input at `section.key`, with its line if the file has the key.
@@ -182,7 +182,7 @@ impl Rig {
     /// # Errors
     /// The rig has no section `valve`.
     pub fn require_valve(&self) -> Result<&Valve, BadInput> {
-        let what = "this section, as the record's `pressure_ref_pa` asks for a valve";
+        let what = "this section, as the record has a `pressure_ref_pa`";
         self.nominal
             .valve
             .as_ref()

@@ -1,4 +1,4 @@
-//! A board in memory: model-core's device behind the link, on a wire that may be bad.
+//! A board in memory: model-core's device behind the link, over a line that may be faulty.
 
 // Not every test uses all of it.
 #![allow(dead_code, unused_imports)]
@@ -25,21 +25,21 @@ use std::time::Duration;
 pub const TICK: Duration = Duration::from_millis(10);
 const QUEUE: usize = 15;
 
-/// What happens to bytes, each with so many chances in 65 536.
+/// Faults of the line, each with its probability in 65 536ths.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Faults {
     pub lost: u16,
     pub flipped: u16,
     pub repeated: u16,
     pub exchanged: u16,
-    /// A whole piece comes twice.
+    /// A received block is repeated.
     pub echoed: u16,
 }
 
-/// Something that happens to the board before one of its ticks.
+/// An event before a tick of the board.
 #[derive(Clone, Copy, Debug)]
 pub enum Event {
-    /// The plug is out for so many ticks; the board runs on.
+    /// The plug is pulled for this number of ticks; the board continues to run.
     Unplugged(u32),
     /// The board is reset.
     Reset,
@@ -50,7 +50,7 @@ pub enum Event {
 pub struct DeviceBoard {
     pub settings: SettingsValues,
     pub faults: Faults,
-    /// Happen at ticks since the beginning, rising.
+    /// Events and their ticks since the start, in ascending order.
     pub events: VecDeque<(u32, Event)>,
     device: Device,
     decoder: Decoder,
@@ -82,7 +82,7 @@ impl DeviceBoard {
         }
     }
 
-    /// Ticks since the beginning.
+    /// Ticks since the start.
     pub fn ticks(&self) -> u32 {
         self.ticks
     }
@@ -124,17 +124,17 @@ impl DeviceBoard {
         self.device = Device::new(Settings::new(self.settings).unwrap());
         self.commands.clear();
         self.decoder = Decoder::new();
-        self.tell_identity();
+        self.transmit_identity();
     }
 
-    fn tell(&mut self, message: &impl Serialize) {
+    fn transmit(&mut self, message: &impl Serialize) {
         let mut buffer = [0; FRAME_LEN_MAX];
         let frame = encode(message, &mut buffer).unwrap();
         let arrived = self.over_the_wire(frame);
         self.to_pc.extend(arrived);
     }
 
-    fn tell_identity(&mut self) {
+    fn transmit_identity(&mut self) {
         let identity = Identity {
             firmware: [0, 1, 0],
             commit: 0,
@@ -148,13 +148,13 @@ impl DeviceBoard {
             frames_rejected: self.frames_rejected,
             messages_dropped: 0,
         };
-        self.tell(&FromDevice::Identity(identity));
+        self.transmit(&FromDevice::Identity(identity));
     }
 
-    fn hear(&mut self, message: ToDevice) {
+    fn receive_message(&mut self, message: ToDevice) {
         match message {
-            ToDevice::Identify => self.tell_identity(),
-            ToDevice::ReadSettings => self.tell(&FromDevice::Settings(self.settings)),
+            ToDevice::Identify => self.transmit_identity(),
+            ToDevice::ReadSettings => self.transmit(&FromDevice::Settings(self.settings)),
             ToDevice::Command(command) if self.commands.len() < QUEUE => {
                 self.commands.push_back(command);
             }
@@ -165,7 +165,7 @@ impl DeviceBoard {
                     Ok(_) if self.device.is_armed() => Written::Armed,
                     Ok(_) => Written::Stored,
                 };
-                self.tell(&FromDevice::Written(written));
+                self.transmit(&FromDevice::Written(written));
                 if written == Written::Stored {
                     self.settings = values;
                     self.reset();
@@ -174,7 +174,7 @@ impl DeviceBoard {
         }
     }
 
-    /// One tick, and what it tells.
+    /// One tick, with its telemetry.
     fn tick(&mut self) {
         self.ticks += 1;
         while self.events.front().is_some_and(|(at, _)| *at <= self.ticks) {
@@ -192,7 +192,7 @@ impl DeviceBoard {
         let commands = &mut self.commands;
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
-        self.tell(&FromDevice::Telemetry(tick.telemetry));
+        self.transmit(&FromDevice::Telemetry(tick.telemetry));
     }
 }
 
@@ -200,7 +200,7 @@ impl Transport for DeviceBoard {
     fn send(&mut self, bytes: &[u8]) -> Result<(), TransportError> {
         for byte in self.over_the_wire(bytes) {
             match self.decoder.push(byte) {
-                Some(Ok(message)) => self.hear(message),
+                Some(Ok(message)) => self.receive_message(message),
                 Some(Err(_)) => self.frames_rejected += 1,
                 None => {}
             }

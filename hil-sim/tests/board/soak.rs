@@ -1,4 +1,5 @@
-//! Random use for hours, and what must not come of it; the emulated board's tests include this too.
+//! Soak test: random use for hours, without drift or fault. The emulated board's tests include this
+//! file too.
 
 use hil_sim::bench::closed_loop::{self, Run};
 use hil_sim::bench::person::Finger;
@@ -12,10 +13,10 @@ use model_core::supervisor::{Fault, Mode};
 use std::collections::BTreeMap;
 
 const HOUR_TICKS: usize = 360_000;
-/// An encoder's rounding, and as much for the home that was rounded too \[counts\].
+/// Rounding of the encoder and of its home \[counts\].
 const ENCODER_COUNTS: f64 = 2.0;
 
-/// Numbers that look random: a linear congruential generator, its upper bits.
+/// Pseudo-random numbers: the upper bits of a linear congruential generator.
 struct Random(u64);
 
 impl Random {
@@ -32,7 +33,7 @@ impl Random {
         low + (high - low) * self.share()
     }
 
-    /// Once in `seconds`, asked each tick.
+    /// True once in `seconds` on average, if called each tick.
     fn once_in(&mut self, seconds: f64) -> bool {
         self.share() < TICK_S / seconds
     }
@@ -60,14 +61,14 @@ fn finger(duration_s: f64, random: &mut Random) -> Finger {
     Finger::Recorded { time_s, finger_m }
 }
 
-/// An hour's sums.
+/// Sums over an hour.
 #[derive(Clone, Copy, Default)]
 struct Hour {
     ticks: usize,
     assisting: usize,
-    /// Of F_c − F while assisting \[N²\].
+    /// Sum of (F_c − F)² while assisting \[N²\].
     squares_n2: f64,
-    /// Of what the controller takes for the finger's force less what it is \[N\].
+    /// Sum of the errors of the controller's finger force \[N\].
     offset_n: f64,
 }
 
@@ -89,13 +90,13 @@ struct Soak<F> {
 }
 
 impl<F> Soak<F> {
-    /// What the person asks for.
+    /// The request of the person.
     fn request(&mut self) -> Request {
         let (random, last) = (&mut self.random, &self.last);
         let released = last.finger_force_n.abs() < 0.5;
         let emptied = last.pressure_ref.0 == 0.0 && last.pressure.0 < 2e4;
         match last.mode {
-            // Whatever else, now and then.
+            // Occasionally other requests.
             _ if random.once_in(60.0) => match (5.0 * random.share()) as u32 {
                 0 => Request::Assist,
                 1 => Request::Hold,
@@ -132,7 +133,7 @@ impl<F: FnMut(&Sensors) -> Output> ControllerPort for Soak<F> {
 
     fn observe(&mut self, tick: Tick) -> Result<(), BadInput> {
         let (output, at_s) = (&tick.output, tick.time_s);
-        // Who pulls while the board checks itself is told so; there is no other fault.
+        // A lever that is pulled during the self-check is the only permitted fault.
         let fault = output.fault;
         assert!(
             matches!(fault, None | Some(Fault::LoadedLever)),
@@ -210,14 +211,15 @@ pub fn soak(hours: f64, settings: &Settings, tick: impl FnMut(&Sensors) -> Outpu
         let offset_n = hour.offset_n / hour.assisting.max(1) as f64;
         let rms_n = hour.error_n_rms();
         println!("hour {number}: F_c − F {rms_n:.3} N rms, finger off by {offset_n:.3} N");
-        // A tare that is taken while a finger begins to pull; no more than the check lets pass.
+        // The tare may contain a finger force up to the limit of the self-check.
         assert!(offset_n.abs() < f64::from(values.tare_n_max));
     }
     let errors_n: Vec<f64> = whole.iter().map(|hour| hour.error_n_rms()).collect();
     let (first, last) = errors_n.split_at(errors_n.len() / 2);
     if first.len() > 1 {
         let ((first_n, first_n2), (last_n, last_n2)) = (mean(first), mean(last));
-        // Hours differ as what is done in them does; halves only by chance, once in 10⁴ so much.
+        // Hours differ by their random use; the two halves differ by so much with a probability of
+        // 1e-4.
         let chance_n = 4.0 * (first_n2 + last_n2).sqrt();
         println!("F_c − F {first_n:.3} N rms, later {last_n:.3} N; chance is {chance_n:.3} N");
         assert!((first_n - last_n).abs() < chance_n, "it drifts");

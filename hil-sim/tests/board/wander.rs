@@ -1,10 +1,10 @@
-//! Sensors for runs that are long; `tests/board` includes this file too.
+//! Sensor values for long runs; `tests/board` includes this file too.
 
 use model_core::io::{Request, Sensors};
 use model_core::signal::{AdcCount, EncoderCount};
 
-/// Sensors that wander through everything the controller may do, faults included: a muscle of the
-/// reference settings in balance with its weight, whose pressure fails now and then.
+/// Sensor values that lead the controller through all of its modes, including faults: a muscle with
+/// the reference settings in balance with its weight, whose pressure reading fails occasionally.
 pub fn wander(tick: u32) -> Sensors {
     let noise = f64::from(tick.wrapping_mul(2_654_435_761) >> 30);
     let at = f64::from(tick % 1_000);

@@ -20,7 +20,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "backlash",
     subsystem: Subsystem::Load,
     equations: &[Equation::Gas, Equation::MuscleForce, Equation::Load],
-    requires: &[Requirement::Motion],
+    requires: &[Requirement::Motion, Requirement::TwoReversals],
     signature: "The contraction lags a reversal by a fixed distance; force and pressure do not.",
     test_signal: "small triangles about one position with a dial gauge at the load; the encoder \
                   stands still within the play.",

@@ -1,6 +1,6 @@
 //! `contraction-sensor-offset`: the encoder's zero is off, as after a lost homing.
 
-use super::{CompensationMethod, EffectKind, Equation, Form, Parameter};
+use super::{CompensationMethod, EffectKind, Equation, Form, Parameter, Requirement};
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -10,7 +10,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "contraction-sensor-offset",
     subsystem: Subsystem::Sensor,
     equations: &[Equation::Gas, Equation::MuscleForce, Equation::Load],
-    requires: &[],
+    requires: &[Requirement::Vented],
     signature: "The force law holds at a shifted contraction; the dynamics are unchanged.",
     test_signal: "the muscle vented and hung free: the encoder must read zero.",
     discrepancy_ratio: 0.0,

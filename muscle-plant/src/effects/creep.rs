@@ -5,7 +5,7 @@
 
 use super::{
     CompensationMethod, DecayingForce, EffectKind, Equation, Form, Observation, Parameter,
-    REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, lagged,
+    REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, Requirement, lagged,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -31,7 +31,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "creep",
     subsystem: Subsystem::MuscleForce,
     equations: &[Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::PressureHold],
     signature: "A slow drift with the sign of the step, over 1 to 60 s after it, with the pressure \
                 held.",
     test_signal: "a step up and one down, each held for 60 s with the valve in operation.",

@@ -1,6 +1,8 @@
 //! `dead-band`: the bladder presses on the braid only above a threshold pressure.
 
-use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -13,7 +15,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "dead-band",
     subsystem: Subsystem::MuscleForce,
     equations: &[Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::Vented],
     signature: "The force at low pressure is too small; above a threshold the loss is constant in \
                 pressure.",
     test_signal: "a slow ramp from zero pressure at four contractions; the threshold is the same \

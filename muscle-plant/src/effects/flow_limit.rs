@@ -1,7 +1,9 @@
 //! `flow-limit`: the ports of the valve limit its flow.
 
 use super::orifice::Orifice;
-use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
 use crate::subsystem::{Subsystem, Term};
@@ -32,7 +34,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "flow-limit",
     subsystem: Subsystem::Valve,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::MeasuredSupply, Requirement::ReferenceStep],
     signature: "The pressure rises at a limited rate after large steps and not after small ones: \
                 visible in an amplitude sweep.",
     test_signal: "steps of 20, 50, 100 and 200 kPa, up and down; only the large ones become ramps.",
@@ -145,7 +147,7 @@ mod tests {
         pressure_pa,
     };
     use super::KIND;
-    use crate::effects::Effect;
+    use crate::effects::{AIR_TEMPERATURE_K, Effect};
     use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
 
     const FILLING_KG_PER_PA_S: f64 = 2e-9;
@@ -174,7 +176,7 @@ mod tests {
         let found_pa = pressure_pa(effects, &inputs);
         let volume_m3 = CLAMPED.volume.expect("a volume").volume_m3(0.1);
         let rate_pa_per_s = (found_pa[41] - found_pa[40]) / ROW_S;
-        rate_pa_per_s * volume_m3 / (HEAT_RATIO * GAS_CONSTANT_J_PER_KG_K * 293.0)
+        rate_pa_per_s * volume_m3 / (HEAT_RATIO * GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K)
     }
 
     #[track_caller]

@@ -10,7 +10,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "force-sensor-offset",
     subsystem: Subsystem::Sensor,
     equations: &[Equation::MuscleForce, Equation::Load],
-    requires: &[Requirement::MeasuredForce],
+    requires: &[Requirement::MeasuredForce, Requirement::Vented],
     signature: "The reading is off by the same amount everywhere, also where the muscle is slack.",
     test_signal: "the force of the unmounted sensor, and of the vented muscle at each length.",
     discrepancy_ratio: 0.0,

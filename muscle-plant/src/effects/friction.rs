@@ -18,7 +18,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "friction",
     subsystem: Subsystem::Load,
     equations: &[Equation::Load],
-    requires: &[Requirement::Motion],
+    requires: &[Requirement::Motion, Requirement::TwoReversals],
     signature: "The weight sticks at reversals and its motion is flat at the top, at any pressure \
                 and position.",
     test_signal: "triangles at two pressures and two weights; friction does not change with \

@@ -1,6 +1,8 @@
 //! `heat-exchange`: the heat transfer between the air and the muscle's wall is not the nominal one.
 
-use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
 use crate::subsystem::gas::{Exchange, GasPoint, GasTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -17,7 +19,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "heat-exchange",
     subsystem: Subsystem::Gas,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::ReferenceStep],
     signature: "The pressure overshoots or recovers within 0.05 to 0.5 s of a fast step.",
     test_signal: "steps with the valve shut just after them; the pressure recovers within half a \
                   second.",

@@ -29,7 +29,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "hysteresis",
     subsystem: Subsystem::MuscleForce,
     equations: &[Equation::MuscleForce],
-    requires: &[Requirement::Motion],
+    requires: &[Requirement::Motion, Requirement::TwoReversals],
     signature: "The force depends on the direction and on where the last reversal was, not on the \
                 speed; there are minor loops; the loop is wider at higher pressure.",
     test_signal: "triangles of pressure with minor loops at two loads; a loop in force that grows \

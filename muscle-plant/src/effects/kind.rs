@@ -111,12 +111,32 @@ pub enum Equation {
 }
 
 /// What a record must contain so that an effect can show in it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+///
+/// Without [`MeasuredForce`](Self::MeasuredForce) or [`Motion`](Self::Motion) the effect changes
+/// nothing that was measured, and the diagnosis does not try it. Without one of the others it is
+/// tried, but hardly shows or is hard to distinguish from other effects, as `hil-sim check` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Requirement {
     /// A measured muscle force.
     MeasuredForce,
     /// A contraction that changes.
     Motion,
+    /// A measured supply pressure, which distinguishes a falling supply from a limited flow.
+    MeasuredSupply,
+    /// A row every 20 ms or faster, for effects that last as long as that.
+    FastSampling,
+    /// A step of the reference pressure.
+    ReferenceStep,
+    /// A reference pressure that is held for 10 s, or a shut valve.
+    ReferenceHold,
+    /// A muscle pressure that is held for 10 s.
+    PressureHold,
+    /// A vented muscle, below 8 kPa (gauge): no force hides the offsets of its sensors.
+    Vented,
+    /// Two reversals of the contraction: one closed loop.
+    TwoReversals,
+    /// Three cycles of the contraction, from one to the next of which something changes.
+    ThreeCycles,
 }
 
 /// One kind of effect.
@@ -129,7 +149,8 @@ pub struct EffectKind {
     /// The equations that it changes, as seen from measured signals. A sensor's effect changes each
     /// equation that the sensor's reading goes into.
     pub equations: &'static [Equation],
-    /// What a record must contain to show it, beside the signals of its equations.
+    /// What a record must contain to show it, beside the signals of its equations;
+    /// [`Requirement`] says without which the diagnosis does not try it.
     pub requires: &'static [Requirement],
     /// The signature that it leaves in data, in words.
     pub signature: &'static str,

@@ -3,7 +3,7 @@
 use super::orifice::Orifice;
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter,
-    REFERENCE_PRESSURE_PA,
+    REFERENCE_PRESSURE_PA, Requirement,
 };
 use crate::subsystem::gas::{Exchange, GasPoint, GasTerm};
 use crate::subsystem::term::Dynamics;
@@ -17,7 +17,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "leak",
     subsystem: Subsystem::Gas,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::ReferenceHold],
     signature: "The steady pressure is below its reference in proportion to itself, and falls with \
                 the valve shut.",
     test_signal: "a shut-off valve between valve and pressure sensor, shut at four pressures for \

@@ -3,8 +3,8 @@
 
 use super::{
     AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
-    INSTANT_S, Observation, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, STATE_PA,
-    lagged,
+    INSTANT_S, Observation, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, Requirement,
+    STATE_PA, lagged,
 };
 use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, GasPoint, GasSubsystem, HEAT_RATIO};
 use crate::subsystem::line::{LinePoint, LineTerm};
@@ -24,7 +24,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "line-dynamics",
     subsystem: Subsystem::Line,
     equations: &[Equation::Gas, Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::FastSampling],
     signature: "The force lags the measured pressure, or the pressure rings at one frequency after \
                 each fast change while the force does not.",
     test_signal: "fast steps sampled at 1 kHz with sensors at the valve and at the muscle.",

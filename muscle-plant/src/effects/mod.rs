@@ -22,6 +22,8 @@ pub use kind::{
 };
 pub use observation::{DecayingForce, Observation};
 
+use crate::nominal::Gas;
+
 /// Declares the file of each effect and lists it in the catalogue, in this order.
 macro_rules! effects {
     ($($effect:ident)*) => {
@@ -62,7 +64,7 @@ const REFERENCE_CONTRACTION: f64 = 0.25;
 /// Unit of pressures in states \[Pa\].
 const STATE_PA: f64 = 1e5;
 /// Temperature of the air outside the muscle \[K\].
-const AIR_TEMPERATURE_K: f64 = 293.0;
+const AIR_TEMPERATURE_K: f64 = Gas::STANDARD.ambient_temperature_k;
 /// Lags below this are neglected \[s\].
 const INSTANT_S: f64 = 2e-5;
 

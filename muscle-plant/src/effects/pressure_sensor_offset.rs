@@ -1,6 +1,6 @@
 //! `pressure-sensor-offset`: the pressure sensor's zero is off.
 
-use super::{CompensationMethod, EffectKind, Equation, Form, Parameter};
+use super::{CompensationMethod, EffectKind, Equation, Form, Parameter, Requirement};
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -10,7 +10,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "pressure-sensor-offset",
     subsystem: Subsystem::Sensor,
     equations: &[Equation::Gas, Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::Vented],
     signature: "The reading differs by a constant from the true pressure, with which force and \
                 contraction agree.",
     test_signal: "a vented zero, and one known pressure from a gauge.",

@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, DecayingForce, EffectKind, Equation, Form, Observation,
-    Parameter,
+    Parameter, Requirement,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -20,7 +20,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "run-in",
     subsystem: Subsystem::MuscleForce,
     equations: &[Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::ThreeCycles],
     signature: "The residual falls from cycle to cycle, and not with time during a rest.",
     test_signal: "twenty equal cycles after a rest of an hour; the change ends with cycles, not \
                   with time.",

@@ -1,6 +1,8 @@
 //! `slack`: the muscle cannot push, so that its force is limited from below.
 
-use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -11,7 +13,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "slack",
     subsystem: Subsystem::MuscleForce,
     equations: &[Equation::MuscleForce],
-    requires: &[],
+    requires: &[Requirement::Vented],
     signature: "The force is flat at zero below a threshold pressure, where Eq 1 has the muscle \
                 push.",
     test_signal: "a slow ramp from a vented muscle with the force channel; the force is flat at \

@@ -3,7 +3,7 @@
 use super::orifice::Orifice;
 use super::{
     AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
-    Parameter, STATE_PA,
+    Parameter, Requirement, STATE_PA,
 };
 use crate::subsystem::gas::GAS_CONSTANT_J_PER_KG_K;
 use crate::subsystem::supply::{SupplyPoint, SupplyTerm};
@@ -27,7 +27,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "supply-droop",
     subsystem: Subsystem::Supply,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::MeasuredSupply],
     signature: "Upward steps near supply pressure fall short after large air consumption; downward \
                 ones do not.",
     test_signal: "ten large steps up in quick succession, with the supply pressure recorded.",
@@ -144,7 +144,7 @@ mod tests {
         ATMOSPHERIC_PA, CLAMPED, FLOW_GAIN_KG_PER_PA_S, STEP_S, assert_near, driven, effect,
         pressure_pa, steady_pa, through,
     };
-    use super::KIND;
+    use super::{AIR_TEMPERATURE_K, KIND};
     use crate::subsystem::gas::GAS_CONSTANT_J_PER_KG_K;
 
     const RESERVOIR: (&str, f64) = ("reservoir_volume_m3", 1e-3);
@@ -160,7 +160,7 @@ mod tests {
         let droop = effect(&KIND, "linear", &[RESERVOIR, ("recovery_time_s", 1e3)]);
         let step = driven(20.0, |time_s| if time_s < 0.5 { 2e5 } else { 5e5 });
         let last_pa = pressure_pa(&[droop], &step)[1999];
-        let per_volume = GAS_CONSTANT_J_PER_KG_K * 293.0;
+        let per_volume = GAS_CONSTANT_J_PER_KG_K * AIR_TEMPERATURE_K;
         let drawn_kg = (last_pa - 2e5) * volume_m3(0.1) / per_volume;
         let expected_pa = drawn_kg * per_volume / RESERVOIR.1;
         assert_near(5e5 - last_pa, expected_pa, 0.03 * expected_pa, "droop");

@@ -1,7 +1,8 @@
 //! `transport-delay`: the reference reaches the valve late.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter, STATE_PA,
+    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter,
+    Requirement, STATE_PA,
 };
 use crate::subsystem::line::{LinePoint, LineTerm};
 use crate::subsystem::term::Dynamics;
@@ -13,7 +14,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "transport-delay",
     subsystem: Subsystem::Line,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::FastSampling, Requirement::ReferenceStep],
     signature: "Nothing moves for a fixed time after each change of the reference.",
     test_signal: "steps sampled at 1 kHz; the response starts flat after a delay, and not after a \
                   lag.",

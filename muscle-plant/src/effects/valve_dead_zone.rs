@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, DeadZoneWidths, Effect, EffectKind, Equation, Form,
-    Parameter,
+    Parameter, Requirement,
 };
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
@@ -17,7 +17,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "valve-dead-zone",
     subsystem: Subsystem::Valve,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::ReferenceHold],
     signature: "The pressure stops short of its reference by up to the width, from either side, \
                 with a slow tail.",
     test_signal: "slow ramps of the reference through five pressures, up and down, at one \

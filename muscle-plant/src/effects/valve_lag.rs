@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, INSTANT_S, Parameter,
-    STATE_PA,
+    Requirement, STATE_PA,
 };
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
@@ -17,7 +17,7 @@ pub static KIND: EffectKind = EffectKind {
     name: "valve-lag",
     subsystem: Subsystem::Valve,
     equations: &[Equation::Gas],
-    requires: &[],
+    requires: &[Requirement::FastSampling, Requirement::ReferenceStep],
     signature: "Every change of the pressure is rounded with the same time constant, at any \
                 amplitude.",
     test_signal: "steps of 20, 50, 100 and 200 kPa; a lag rounds all of them in the same way.",

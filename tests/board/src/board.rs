@@ -1,5 +1,6 @@
 //! The interface of the board: pins, serial link, supply, reset button, and time.
 
+use crate::adc::Imperfection;
 use crate::cpu::{Cpu, ExceptionEvent};
 use crate::elf::{self, BadElf};
 use crate::engine::{RAM, RAM_LEN};
@@ -7,12 +8,14 @@ use crate::errors::BoardError;
 use crate::flash::{self, Flash};
 use crate::log::{self, Log};
 use crate::pin::Pin;
-use crate::rcc::ResetCause;
+use crate::rcc::{Oscillators, ResetCause};
 use crate::soc::{DacEvent, Soc, is_flash};
 use crate::time::{from_ns, to_ns};
 
 /// Duration of the low pulse at NRST after an internal reset (datasheet, about 20 µs).
 const RESET_PULSE_NS: u64 = 20_000;
+/// Start of the private peripheral bus.
+const PRIVATE: u32 = 0xe000_0000;
 
 /// A byte sent by the board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -124,6 +127,52 @@ impl Board {
         }
     }
 
+    /// Halts the core as a debugger does, or lets it continue. The watchdog stops with it only if
+    /// DBGMCU says so.
+    pub fn halt(&mut self, halted: bool) {
+        self.cpu.soc_mut().halt(halted);
+    }
+
+    /// Whether a debugger halts the core.
+    pub fn is_halted(&self) -> bool {
+        self.cpu.soc().halted
+    }
+
+    /// Halts the core at the next hard fault, as a debugger with vector catch does.
+    pub fn catch_hard_fault(&mut self) {
+        self.cpu.catches_hard_fault = true;
+    }
+
+    /// Writes a register of a peripheral or of the core, as a debugger does.
+    pub fn write_register(&mut self, address: u32, value: u32) {
+        let soc = self.cpu.soc_mut();
+        if address >= PRIVATE {
+            soc.write_private(address, value, 4);
+        } else {
+            soc.write(address, value);
+        }
+    }
+
+    /// Reads a register of a peripheral or of the core, as a debugger does.
+    pub fn read_register(&mut self, address: u32) -> u32 {
+        let soc = self.cpu.soc_mut();
+        if address >= PRIVATE {
+            soc.read_private(address)
+        } else {
+            soc.read(address)
+        }
+    }
+
+    /// The oscillators.
+    pub fn oscillators(&self) -> Oscillators {
+        self.cpu.soc().rcc.oscillators()
+    }
+
+    /// Changes the oscillators: their tolerance, or whether they oscillate.
+    pub fn set_oscillators(&mut self, oscillators: Oscillators) {
+        self.cpu.soc_mut().set_oscillators(oscillators);
+    }
+
     /// Presses and releases the reset button.
     pub fn reset_pin(&mut self) {
         if self.powered {
@@ -162,6 +211,11 @@ impl Board {
     pub fn set_analog(&mut self, pin: Pin, volts: f64) {
         let soc = self.cpu.soc_mut();
         soc.external.volts[usize::from(pin.port)][usize::from(pin.number)] = volts;
+    }
+
+    /// Makes the converter differ from an ideal one.
+    pub fn set_converter(&mut self, imperfection: Imperfection) {
+        self.cpu.soc_mut().external.converter = imperfection;
     }
 
     /// Drives a pin to a digital level, or lets it float.
@@ -318,6 +372,11 @@ impl Board {
     /// Content of the flash.
     pub fn flash(&self) -> &[u8] {
         &self.cpu.soc().flash.cells
+    }
+
+    /// Cells of the flash, as offsets, that keep their content when they are programmed.
+    pub fn wear_flash(&mut self, cells: std::ops::Range<usize>) {
+        self.cpu.soc_mut().flash.worn = cells;
     }
 
     /// Overwrites flash without delay, as a programmer could.

@@ -30,6 +30,8 @@ pub(crate) struct Cpu {
     pub(crate) locked_up: bool,
     /// True while the core executes nothing; everything else continues.
     pub held: bool,
+    /// A debugger halts the core at a hard fault.
+    pub catches_hard_fault: bool,
     /// Recorded exceptions; none while they are not recorded.
     pub trace: Option<Vec<ExceptionEvent>>,
 }
@@ -43,6 +45,7 @@ impl Cpu {
             asleep: false,
             locked_up: false,
             held: false,
+            catches_hard_fault: false,
             trace: None,
         };
         cpu.scramble_ram(0);
@@ -176,7 +179,8 @@ impl Cpu {
             let next = self.soc().next_event().min(end);
             let busy_until = self.soc().flash.busy_until();
             let waits = busy_until > now && is_flash(self.reg(R::PC));
-            if self.locked_up || self.held || waits {
+            let stopped = self.held || self.soc().halted || !self.soc().rcc.is_clocked();
+            if self.locked_up || stopped || waits {
                 // while the core waits for the flash it takes no exceptions either
                 self.soc_mut().now = next;
                 continue;

@@ -96,6 +96,9 @@ impl Cpu {
 
     fn start_handler(&mut self, exception: usize) {
         self.soc_mut().nvic.enter(exception);
+        if exception == HARD_FAULT && self.catches_hard_fault {
+            self.soc_mut().halt(true);
+        }
         self.record(exception, true);
         let handler = self.word(self.soc().scb.vtor + 4 * exception as u32);
         self.set_reg(R::PC, handler | 1);

@@ -24,6 +24,9 @@ const PGPERR: u32 = 1 << 6;
 const PGSERR: u32 = 1 << 7;
 const BSY: u32 = 1 << 16;
 const PROGRAM_NS: u64 = 16_000;
+/// ACR: data cache on, and its reset.
+const DCEN: u32 = 1 << 10;
+const DCRST: u32 = 1 << 12;
 
 /// An operation in progress, with the previous content of the cells from `start` on.
 struct Operation {
@@ -56,6 +59,10 @@ pub struct Flash {
     cr: u32,
     lock: Lock,
     operation: Option<Operation>,
+    /// The data cache may hold what the cells no longer contain.
+    cache_is_stale: bool,
+    /// Cells that keep their content when they are programmed.
+    pub worn: Range<usize>,
 }
 
 /// First byte and length of a sector: 4 × 16, 64, 3 × 128 KiB.
@@ -100,6 +107,8 @@ impl Flash {
             cr: LOCK,
             lock: Lock::Locked,
             operation: None,
+            cache_is_stale: false,
+            worn: 0..0,
         }
     }
 
@@ -107,6 +116,7 @@ impl Flash {
     pub fn reset(&mut self, now: Time) {
         self.cut(now);
         (self.acr, self.sr, self.cr, self.lock) = (0, 0, LOCK, Lock::Locked);
+        self.cache_is_stale = false;
     }
 
     /// Time until which the core stalls.
@@ -158,12 +168,34 @@ impl Flash {
     /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32, cx: &mut Context) {
         match offset {
-            0x00 => self.acr = value,
+            0x00 => self.set_access(value, cx),
             0x04 => self.key(value, cx),
             0x0c => self.sr &= !(value & 0xf3),
             0x10 => self.control(value, cx),
             0x14 => cx.error("FLASH: option bytes are not modelled"),
             _ => {}
+        }
+    }
+
+    fn set_access(&mut self, value: u32, cx: &mut Context) {
+        if value & DCRST != 0 {
+            if value & DCEN != 0 {
+                cx.error("FLASH: data cache reset while it is on: ignored");
+            } else {
+                self.cache_is_stale = false;
+            }
+        }
+        if value & DCEN != 0 && self.cache_is_stale {
+            cx.error("FLASH: data cache on, and not reset since the cells have changed");
+        }
+        self.acr = value;
+    }
+
+    /// Cells change: what the data cache holds may be outdated.
+    fn outdate_cache(&mut self, cx: &mut Context) {
+        self.cache_is_stale = true;
+        if self.acr & DCEN != 0 {
+            cx.error("FLASH: erased or programmed with the data cache on");
         }
     }
 
@@ -211,6 +243,7 @@ impl Flash {
         if psize == 3 {
             cx.error("FLASH: parallelism x64 needs an external programming voltage");
         }
+        self.outdate_cache(cx);
         let range = start..start + len;
         let before = self.cells[range.clone()].to_vec();
         self.cells[range.clone()].fill(0xff);
@@ -243,10 +276,12 @@ impl Flash {
             self.sr |= PGPERR;
             return cx.error(format!("FLASH: store of {size} bytes does not fit PSIZE"));
         }
+        self.outdate_cache(cx);
         let before = self.cells[range.clone()].to_vec();
-        let bytes = value.to_le_bytes();
-        for (cell, byte) in self.cells[range].iter_mut().zip(bytes) {
-            *cell &= byte;
+        for (index, byte) in range.zip(value.to_le_bytes()) {
+            if !self.worn.contains(&index) {
+                self.cells[index] &= byte;
+            }
         }
         // a store while busy waits until the operation ends
         let begun = cx.now.max(self.busy_until());
@@ -408,5 +443,29 @@ mod tests {
             flash.reset(from_ns(cut_ns));
             assert!(flash.cells[..4].iter().all(|b| b & !0x5a == 0));
         }
+    }
+
+    #[test]
+    fn cells_changed_behind_the_data_cache_are_reported() {
+        let (mut flash, mut errors) = filled();
+        flash.write(0, DCEN, &mut test_context(&mut errors, 0));
+        flash.write(0x10, PG | 2 << 8, &mut test_context(&mut errors, 0));
+        flash.program(BASE, 4, 0, &mut test_context(&mut errors, 0));
+        assert_eq!(errors.list.len(), 1, "{:?}", errors.list);
+        for value in [0, DCEN, 0, DCRST, 0, DCEN] {
+            flash.write(0, value, &mut test_context(&mut errors, 0));
+        }
+        assert_eq!(errors.list.len(), 2, "{:?}", errors.list);
+    }
+
+    #[test]
+    fn worn_cells_keep_their_content() {
+        let (mut flash, mut errors) = filled();
+        flash.worn = 4..8;
+        flash.write(0x10, PG | 2 << 8, &mut test_context(&mut errors, 0));
+        for address in [BASE, BASE + 4] {
+            flash.program(address, 4, 0, &mut test_context(&mut errors, 0));
+        }
+        assert_eq!(flash.cells[..8], [0, 0, 0, 0, 0x5a, 0x5a, 0x5a, 0x5a]);
     }
 }

@@ -1,5 +1,6 @@
 //! GPIO: modes, alternate functions, levels (RM0390 chapter 7; functions: datasheet table 11).
 
+use crate::adc::Imperfection;
 use crate::pin::{Pin, pin};
 
 const MODER: usize = 0x00;
@@ -71,6 +72,8 @@ pub struct External {
     pub volts: [[f64; 16]; PORTS],
     /// Level that a pin is driven to; none if it is not driven.
     pub levels: [[Option<bool>; 16]; PORTS],
+    /// How the converter differs from an ideal one.
+    pub converter: Imperfection,
 }
 
 impl Default for External {
@@ -78,6 +81,7 @@ impl Default for External {
         External {
             volts: [[0.0; 16]; PORTS],
             levels: [[None; 16]; PORTS],
+            converter: Imperfection::default(),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::time::{NEVER, Time, period};
 
-/// Frequency of the LSI oscillator; 17 to 47 kHz in real chips.
+/// Nominal frequency of the LSI oscillator.
 pub const LSI_HZ: u64 = 32_000;
 
 /// The watchdog.
@@ -15,11 +15,17 @@ pub struct Iwdg {
     updating_until: Time,
     updating: u32,
     expires_at: Time,
+    /// The time that was left when a debugger stopped it.
+    frozen: Option<Time>,
+    /// Period of the LSI oscillator.
+    lsi: Time,
 }
 
-impl Default for Iwdg {
-    fn default() -> Self {
+impl Iwdg {
+    /// The state after a reset, with an oscillator of this frequency.
+    pub fn new(lsi_hz: u64) -> Self {
         Iwdg {
+            lsi: period(lsi_hz).0,
             prescaler: 0,
             reload: 0xfff,
             open: false,
@@ -27,14 +33,28 @@ impl Default for Iwdg {
             updating_until: 0,
             updating: 0,
             expires_at: NEVER,
+            frozen: None,
         }
     }
-}
 
-impl Iwdg {
+    /// Sets the oscillator's frequency, which applies from the next feed.
+    pub fn set_lsi(&mut self, lsi_hz: u64) {
+        self.lsi = period(lsi_hz).0;
+    }
+
     /// Time at which the watchdog resets the chip unless it is fed.
     pub fn next(&self) -> Time {
         self.expires_at
+    }
+
+    /// Stops it, or lets it continue.
+    pub fn freeze(&mut self, frozen: bool, now: Time) {
+        if frozen && self.frozen.is_none() && self.started {
+            self.frozen = Some(self.expires_at.saturating_sub(now));
+            self.expires_at = NEVER;
+        } else if !frozen && let Some(left) = self.frozen.take() {
+            self.expires_at = now + left;
+        }
     }
 
     /// Reads a register.
@@ -49,7 +69,7 @@ impl Iwdg {
 
     /// Writes a register.
     pub fn write(&mut self, offset: u32, value: u32, now: Time) {
-        let lsi = period(LSI_HZ).0;
+        let lsi = self.lsi;
         match (offset, value & 0xffff) {
             (0x00, 0x5555) => self.open = true,
             (0x00, key) => {
@@ -88,7 +108,7 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     fn started(prescaler: u32, reload: u32) -> Iwdg {
-        let mut iwdg = Iwdg::default();
+        let mut iwdg = Iwdg::new(LSI_HZ);
         for (offset, value) in [(0, 0x5555), (4, prescaler), (8, reload), (0, 0xcccc)] {
             iwdg.write(offset, value, 0);
         }
@@ -102,8 +122,17 @@ mod tests {
     }
 
     #[test]
+    fn frozen_watchdog_continues_with_the_time_left() {
+        let mut iwdg = started(0, 399);
+        iwdg.freeze(true, from_ns(20 * MS));
+        assert_eq!(iwdg.next(), NEVER);
+        iwdg.freeze(false, from_ns(100 * MS));
+        assert_eq!(iwdg.next(), from_ns(130 * MS));
+    }
+
+    #[test]
     fn feeding_restarts_the_timeout_only_after_the_start() {
-        let mut iwdg = Iwdg::default();
+        let mut iwdg = Iwdg::new(LSI_HZ);
         iwdg.write(0, 0xaaaa, 0);
         assert_eq!(iwdg.next(), NEVER);
         let mut iwdg = started(0, 399);
@@ -120,7 +149,7 @@ mod tests {
 
     #[test]
     fn update_flags_clear_only_after_the_start() {
-        let mut iwdg = Iwdg::default();
+        let mut iwdg = Iwdg::new(LSI_HZ);
         iwdg.write(0, 0x5555, 0);
         iwdg.write(4, 1, 0);
         assert_eq!(iwdg.read(0x0c, from_ns(100 * MS)), 1);

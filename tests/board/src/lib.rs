@@ -48,10 +48,11 @@ mod tim;
 mod time;
 mod usart;
 
+pub use adc::Imperfection;
 pub use board::{Board, LinkByte, Reset};
 pub use cpu::ExceptionEvent;
 pub use elf::BadElf;
 pub use errors::BoardError;
 pub use pin::{Pin, pin};
-pub use rcc::ResetCause;
+pub use rcc::{Oscillators, ResetCause};
 pub use soc::DacEvent;

@@ -1,11 +1,36 @@
 //! RCC: clock tree, clock gates, peripheral resets and reset flags (RM0390 chapter 6).
 
 use crate::errors::Context;
+use crate::iwdg::LSI_HZ;
 use crate::time::{Time, period};
 
 /// Clock from the ST-LINK at OSC_IN of a NUCLEO-F446RE \[Hz\]; no crystal is fitted.
 pub const HSE_HZ: u64 = 8_000_000;
 const HSI_HZ: u64 = 16_000_000;
+
+/// The oscillators; resets of the chip do not change them.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Oscillators {
+    /// Frequency of LSI, the watchdog's \[Hz\]; 17 to 47 kHz in real chips.
+    pub lsi_hz: u64,
+    /// Frequency of HSI \[Hz\].
+    pub hsi_hz: u64,
+    /// Whether HSI oscillates.
+    pub hsi_runs: bool,
+    /// Whether the ST-LINK's clock arrives at OSC_IN.
+    pub hse_runs: bool,
+}
+
+impl Default for Oscillators {
+    fn default() -> Oscillators {
+        Oscillators {
+            lsi_hz: LSI_HZ,
+            hsi_hz: HSI_HZ,
+            hsi_runs: true,
+            hse_runs: true,
+        }
+    }
+}
 
 const CR: usize = 0x00;
 const PLLCFGR: usize = 0x04;
@@ -76,11 +101,12 @@ pub struct Rcc {
     words: [u32; REGISTERS],
     /// The clocks in force.
     pub clocks: Clocks,
+    oscillators: Oscillators,
 }
 
 impl Rcc {
     /// The state after a reset; `flags` are those of RCC_CSR before it.
-    pub fn new(cause: ResetCause, flags: u32) -> Rcc {
+    pub fn new(cause: ResetCause, flags: u32, oscillators: Oscillators) -> Rcc {
         let mut words = [0; REGISTERS];
         words[CR / 4] = 0x81;
         words[PLLCFGR / 4] = 0x2400_3010;
@@ -92,9 +118,38 @@ impl Rcc {
         let mut rcc = Rcc {
             words,
             clocks: Clocks::default(),
+            oscillators,
         };
         rcc.clocks = rcc.tree();
         rcc
+    }
+
+    /// The oscillators.
+    pub fn oscillators(&self) -> Oscillators {
+        self.oscillators
+    }
+
+    /// Changes the oscillators; true if the clocks may have changed.
+    pub fn set_oscillators(&mut self, oscillators: Oscillators) -> bool {
+        self.oscillators = oscillators;
+        let before = self.clocks;
+        self.clocks = self.tree();
+        before != self.clocks
+    }
+
+    /// Whether the oscillator behind the system clock oscillates. Without clock security the core
+    /// and all buses stop with it.
+    pub fn is_clocked(&self) -> bool {
+        let from_hse = match self.source() {
+            0 => false,
+            1 => true,
+            _ => self.words[PLLCFGR / 4] & 1 << 22 != 0,
+        };
+        if from_hse {
+            self.oscillators.hse_runs
+        } else {
+            self.oscillators.hsi_runs
+        }
     }
 
     /// The reset flags, as RCC_CSR shows them.
@@ -119,10 +174,15 @@ impl Rcc {
         }
     }
 
-    /// HSEON if bypass is off: the board has no crystal, so that HSE never gets ready.
+    /// HSEON if HSE never gets ready: without bypass, because the board has no crystal, or without
+    /// the ST-LINK's clock.
     fn hse_dead(&self) -> u32 {
         let cr = self.words[CR / 4];
-        if cr & 1 << 18 == 0 { cr & 1 << 16 } else { 0 }
+        if cr & 1 << 18 == 0 || !self.oscillators.hse_runs {
+            cr & 1 << 16
+        } else {
+            0
+        }
     }
 
     fn source(&self) -> u32 {
@@ -150,7 +210,7 @@ impl Rcc {
             return false;
         }
         if self.hse_dead() != 0 {
-            cx.error("RCC: HSE on without bypass: the NUCLEO has no crystal, HSE never gets ready");
+            cx.error("RCC: HSE on without bypass or without its clock: it never gets ready");
         }
         let before = self.clocks;
         self.clocks = self.tree();
@@ -160,7 +220,11 @@ impl Rcc {
 
     fn pll(&self) -> (u64, u64, u64) {
         let word = u64::from(self.words[PLLCFGR / 4]);
-        let source = if word & 1 << 22 != 0 { HSE_HZ } else { HSI_HZ };
+        let source = if word & 1 << 22 != 0 {
+            HSE_HZ
+        } else {
+            self.oscillators.hsi_hz
+        };
         let input_hz = source / (word & 0x3f).max(1);
         let vco_hz = input_hz * (word >> 6 & 0x1ff);
         (input_hz, vco_hz, vco_hz / ((word >> 16 & 3) * 2 + 2))
@@ -169,7 +233,7 @@ impl Rcc {
     fn tree(&self) -> Clocks {
         let cfgr = self.words[CFGR / 4];
         let sysclk_hz = match self.source() {
-            0 => HSI_HZ,
+            0 => self.oscillators.hsi_hz,
             1 => HSE_HZ,
             _ => self.pll().2.max(1),
         };
@@ -223,7 +287,7 @@ impl Rcc {
                 cx.error(format!("RCC: {name} {hz} Hz is above its limit"));
             }
         }
-        if !period(clocks.hclk_hz).1 {
+        if !period(clocks.hclk_hz).1 && self.oscillators.hsi_hz == HSI_HZ {
             cx.error(format!(
                 "model: HCLK {} Hz is not a divisor of the time unit",
                 clocks.hclk_hz
@@ -255,7 +319,7 @@ mod tests {
 
     #[test]
     fn runs_on_hsi_after_reset() {
-        let rcc = Rcc::new(ResetCause::Power, 0);
+        let rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         assert_eq!(rcc.clocks.hclk_hz, 16_000_000);
         assert_eq!(rcc.read(CR as u32), 0x83);
         assert_eq!(rcc.read(CSR as u32), 0x0e00_0000);
@@ -263,7 +327,7 @@ mod tests {
 
     #[test]
     fn configuration_for_180_mhz_has_no_errors() {
-        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         assert_eq!(write_all(&mut rcc, &TO_180_MHZ), Vec::<String>::new());
         let clocks = rcc.clocks;
         assert_eq!((clocks.hclk_hz, clocks.pclk1_hz), (180_000_000, 45_000_000));
@@ -276,7 +340,7 @@ mod tests {
 
     #[test]
     fn timpre_doubles_the_timer_clock() {
-        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         write_all(&mut rcc, &TO_180_MHZ);
         write_all(&mut rcc, &[(DCKCFGR, 1 << 24)]);
         assert_eq!(rcc.clocks.timclk1_hz, 180_000_000);
@@ -284,14 +348,48 @@ mod tests {
 
     #[test]
     fn hse_without_bypass_never_gets_ready() {
-        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         assert_eq!(write_all(&mut rcc, &[(CR, 0x0001_0081)]).len(), 1);
         assert_eq!(rcc.read(CR as u32) & 1 << 17, 0);
     }
 
     #[test]
+    fn system_clock_stops_with_the_oscillator_behind_it() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
+        write_all(&mut rcc, &TO_180_MHZ);
+        rcc.set_oscillators(Oscillators {
+            hsi_runs: false,
+            ..Oscillators::default()
+        });
+        assert!(rcc.is_clocked());
+        rcc.set_oscillators(Oscillators {
+            hse_runs: false,
+            ..Oscillators::default()
+        });
+        assert!(!rcc.is_clocked());
+        assert_eq!(rcc.read(CR as u32) & 1 << 17, 0, "HSE is not ready");
+    }
+
+    #[test]
+    fn pll_from_hsi_follows_its_tolerance() {
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
+        let to_144_mhz = [
+            (PLLCFGR, 144 << 6 | 8),
+            (CR, 0x0100_0081),
+            (CFGR, 0b100 << 13 | 0b101 << 10 | 2),
+        ];
+        assert_eq!(write_all(&mut rcc, &to_144_mhz), Vec::<String>::new());
+        assert_eq!(rcc.clocks.hclk_hz, 144_000_000);
+        rcc.set_oscillators(Oscillators {
+            hsi_hz: 16_500_000,
+            ..Oscillators::default()
+        });
+        assert_eq!(rcc.clocks.hclk_hz, 148_500_000);
+    }
+
+    #[test]
     fn clocks_above_their_limits_are_reported() {
-        let mut rcc = Rcc::new(ResetCause::Power, 0);
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         let too_fast = [TO_180_MHZ[0], TO_180_MHZ[1], TO_180_MHZ[2], (CFGR, 2)];
         assert_eq!(
             write_all(&mut rcc, &too_fast).len(),
@@ -302,7 +400,7 @@ mod tests {
 
     #[test]
     fn reset_flags_accumulate_until_cleared() {
-        let mut rcc = Rcc::new(ResetCause::Watchdog, 0x0e00_0000);
+        let mut rcc = Rcc::new(ResetCause::Watchdog, 0x0e00_0000, Oscillators::default());
         assert_eq!(rcc.reset_flags(), 0x2e00_0000);
         write_all(&mut rcc, &[(CSR, 1 << 24)]);
         assert_eq!(rcc.reset_flags(), 0);

@@ -12,7 +12,7 @@ use crate::iwdg::Iwdg;
 use crate::nvic::{Nvic, SYS_TICK};
 use crate::pin::{Pin, pin};
 use crate::pwr::Pwr;
-use crate::rcc::{Bus, Clocks, Rcc, ResetCause};
+use crate::rcc::{Bus, Clocks, Oscillators, Rcc, ResetCause};
 use crate::scb::Scb;
 use crate::tim::{Pulses, Tim};
 use crate::time::{NEVER, Time, period, to_ns};
@@ -29,6 +29,9 @@ const DMA_IRQ: [[u32; 8]; 2] = [
     [11, 12, 13, 14, 15, 16, 17, 47],
     [56, 57, 58, 59, 60, 68, 69, 70],
 ];
+/// DBGMCU_APB1_FZ, and its bit that stops the watchdog while the core is halted.
+const DBG_APB1_FZ: u32 = 0xe004_2008;
+const DBG_IWDG_STOP: u32 = 1 << 12;
 /// Controller (0 or 1), stream and channel of a request line (RM0390 tables 28 and 29).
 const ADC1_DMA: [(usize, usize, u32); 2] = [(1, 0, 0), (1, 4, 0)];
 const USART2_RX_DMA: (usize, usize, u32) = (0, 5, 4);
@@ -133,6 +136,8 @@ pub struct Soc {
     pub encoder: i64,
     /// A requested reset.
     pub reset: Option<ResetCause>,
+    /// Whether a debugger halts the core.
+    pub halted: bool,
     pwr: Pwr,
     gpio: Gpio,
     tims: [Tim; TIMERS],
@@ -150,7 +155,7 @@ pub struct Soc {
 impl Soc {
     /// The state after the first power-up.
     pub fn new(flash: Flash) -> Soc {
-        let rcc = Rcc::new(ResetCause::Power, 0);
+        let rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
         let unit = |hz| period(hz).0;
         let clocks = rcc.clocks;
         Soc {
@@ -169,6 +174,7 @@ impl Soc {
             encoder_pins: [pin('A', 0), pin('A', 1)],
             encoder: 0,
             reset: None,
+            halted: false,
             pwr: Pwr::default(),
             gpio: Gpio::default(),
             tims: std::array::from_fn(|i| Tim::new(i + 2, unit(clocks.timclk1_hz))),
@@ -176,7 +182,7 @@ impl Soc {
             dac: Dac::default(),
             dma: [Dma::new(1), Dma::new(2)],
             usart: Usart::new(unit(clocks.pclk1_hz)),
-            iwdg: Iwdg::default(),
+            iwdg: Iwdg::new(rcc.oscillators().lsi_hz),
             systick: SysTick::new(clocks.cycle()),
             dac_seen: [None; 2],
             memory: BTreeMap::new(),
@@ -189,7 +195,16 @@ impl Soc {
         self.flash.reset(self.now);
         let flash = std::mem::replace(&mut self.flash, Flash::new(vec![]));
         let mut new = Soc::new(flash);
-        new.rcc = Rcc::new(cause, self.rcc.reset_flags());
+        new.rcc = Rcc::new(cause, self.rcc.reset_flags(), self.rcc.oscillators());
+        // Only power-on resets the debug units.
+        if cause != ResetCause::Power {
+            new.memory.extend(
+                self.memory
+                    .get(&DBG_APB1_FZ)
+                    .map(|word| (DBG_APB1_FZ, *word)),
+            );
+        }
+        new.iwdg = Iwdg::new(new.rcc.oscillators().lsi_hz);
         new.now = self.now;
         new.instructions = self.instructions;
         new.host = std::mem::take(&mut self.host);
@@ -227,8 +242,12 @@ impl Soc {
 
     // ---- time ----------------------------------------------------------------------------------
 
-    /// Time of the next event that the core can observe.
+    /// Time of the next event that the core can observe. Without a system clock that is the
+    /// watchdog's, which has its own oscillator.
     pub fn next_event(&self) -> Time {
+        if !self.rcc.is_clocked() {
+            return self.iwdg.next();
+        }
         let timers = self
             .tims
             .iter()
@@ -249,6 +268,10 @@ impl Soc {
     }
 
     fn fire(&mut self) {
+        if self.iwdg.next() <= self.now {
+            self.reset = Some(ResetCause::Watchdog);
+            return;
+        }
         for index in 0..TIMERS {
             if self.tims[index].next() <= self.now {
                 let pulses = self.tims[index].fire(self.now);
@@ -256,8 +279,8 @@ impl Soc {
             }
         }
         if self.adc.next() <= self.now {
-            let volts = self.adc_volts();
-            self.adc.finish(volts, self.now);
+            let (volts, converter) = (self.adc_volts(), self.external.converter);
+            self.with(|soc, cx| soc.adc.finish(volts, &converter, cx));
         }
         if self.usart.next(&self.host) <= self.now {
             let wired = [gpio::LINK_TX, gpio::LINK_RX];
@@ -268,9 +291,6 @@ impl Soc {
             self.nvic.pend(SYS_TICK);
         }
         self.flash.fire(self.now);
-        if self.iwdg.next() <= self.now {
-            self.reset = Some(ResetCause::Watchdog);
-        }
         self.update_lines();
     }
 
@@ -288,6 +308,21 @@ impl Soc {
         for channel in (0..4).filter(|channel| pulses.compare >> channel & 1 != 0) {
             self.with(|soc, cx| soc.adc.trigger((number, Some(channel + 1)), cx));
         }
+    }
+
+    /// Changes the oscillators.
+    pub fn set_oscillators(&mut self, oscillators: Oscillators) {
+        self.iwdg.set_lsi(oscillators.lsi_hz);
+        if self.rcc.set_oscillators(oscillators) {
+            self.set_clocks(self.rcc.clocks);
+        }
+    }
+
+    /// Halts the core as a debugger does, or lets it continue.
+    pub fn halt(&mut self, halted: bool) {
+        self.halted = halted;
+        let frozen = self.memory.get(&DBG_APB1_FZ).copied().unwrap_or(0) & DBG_IWDG_STOP != 0;
+        self.iwdg.freeze(halted && frozen, self.now);
     }
 
     fn set_clocks(&mut self, clocks: Clocks) {
@@ -736,6 +771,7 @@ mod tests {
             ),
             // ADC1: scan of channels 10 and 11, triggered by TIM2 TRGO, DMA
             (0x4001_2004, 1 << 8),
+            (0x4001_200c, 0o44),
             (0x4001_202c, 1 << 20),
             (0x4001_2034, 10 | 11 << 5),
             (0x4001_2008, 1 << 28 | 6 << 24 | 1 << 9 | 1 << 8 | 1),

@@ -3,7 +3,7 @@
 /// A point in time, or a duration, in units of 1/50.4 GHz since power was first applied.
 pub type Time = u64;
 
-/// Units per second: a common multiple of 8, 16, 45, 84, 90, 168 and 180 MHz and of 32 kHz.
+/// Units per second: a common multiple of 8, 16, 36, 72, 144 and 180 MHz and of 32 kHz.
 pub const UNITS_PER_S: Time = 50_400_000_000;
 
 /// Later than any event.
@@ -40,8 +40,9 @@ mod tests {
         for hz in [
             8_000_000,
             16_000_000,
-            45_000_000,
-            90_000_000,
+            36_000_000,
+            72_000_000,
+            144_000_000,
             180_000_000,
             32_000,
         ] {

@@ -16,8 +16,9 @@ const TE: u32 = 1 << 3;
 const UE: u32 = 1 << 13;
 const DMAR: u32 = 1 << 6;
 const DMAT: u32 = 1 << 7;
-/// Baud rate difference that a receiver tolerates if it samples in the middle of each bit.
-const BAUD_TOLERANCE: f64 = 0.045;
+/// Baud rate difference that a receiver tolerates (RM0390, USART receiver tolerance: 8 data bits,
+/// oversampling by 16, a divider with a fraction).
+const BAUD_TOLERANCE: f64 = 0.0333;
 
 /// A byte on the line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -1,7 +1,7 @@
-//! A pneumatic cylinder at constant pressure, driven to and fro: what friction is missing?
+//! A pneumatic cylinder at constant pressure, moved in both directions: diagnosis of its friction.
 //!
-//! The law is F = A P on the rod; the engine of the diagnosis gets it with a catalogue of its own,
-//! as the muscle's does not hold here.
+//! The law is F = A P on the rod. The engine of the diagnosis uses it with a separate catalogue, as
+//! the muscle's does not apply.
 
 use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
 use hil_sim::error::BadInput;
@@ -12,18 +12,18 @@ use model_discrepancy::verdict::choose;
 use std::path::Path;
 use std::time::Instant;
 
-/// How well the bore is known, relative: 0.1 mm of 25.
+/// Relative tolerance of the bore: 0.1 mm of 25 mm.
 const AREA_SIGMA: f64 = 0.01;
-/// Rows before and after over which a speed is taken: 60 ms.
+/// Number of rows before and after a row over which its speed is estimated: 60 ms.
 const SPEED_ROWS: usize = 3;
-/// Below this speed a slider is turning \[m/s\].
+/// Speed below which the motion may reverse \[m/s\].
 const TURNING_M_PER_S: f64 = 1e-3;
 const PUBLISHED: [(&str, &str); 2] = [
     ("friction", "5 to 20 N"),
     ("pressure-sensor-offset", "1 to 3 % of span"),
 ];
 
-/// One run: rod force over pressure, place and speed.
+/// One run: rod force, pressure, position and speed.
 struct Run {
     time_s: Vec<f64>,
     pressure_pa: Vec<f64>,
@@ -92,7 +92,7 @@ fn catalogue() -> Vec<Candidate> {
     all.into_iter().map(candidate).collect()
 }
 
-/// Direction of a slider, smooth where it turns.
+/// Direction of motion, smooth at reversals.
 fn direction(speed_m_per_s: f64) -> f64 {
     (speed_m_per_s / TURNING_M_PER_S).clamp(-1.0, 1.0)
 }
@@ -111,7 +111,7 @@ fn dahl(position_m: &[f64], reach_m: f64) -> Vec<f64> {
 }
 
 impl Cylinder {
-    /// Rod force \[N\]: pressure on the piston, and what opposes the rod that is pushed in.
+    /// Rod force \[N\]: pressure on the piston, and friction.
     fn force_n(&self, run: &Run, nominal: &[f64], effects: &[Active]) -> Vec<f64> {
         let area_m2 = self.area_m2 * (1.0 + AREA_SIGMA * nominal[0]);
         let mut offset_pa = 0.0;

@@ -1,9 +1,9 @@
-//! Real measurements, diagnosed set by set, beside what is published.
+//! Diagnosis of published measurements, compared with the published results.
 //!
-//! The sets have no licence to be kept here, but for the cylinder's: a folder that the user names
-//! holds them, one folder a set, as records or CSV in SI units. No number here is fitted to them:
-//! [`muscle`] starts from the braid's geometry, [`cylinder`] from the bore, [`tanks`] from what the
-//! benchmark says of itself.
+//! Except for the cylinder's, the licences of the data sets do not permit a copy here: they are in
+//! a folder that the user names, one folder per set, as records or CSV in SI units. No number here
+//! is fitted to them: [`muscle`] starts from the braid's geometry, [`cylinder`] from the bore,
+//! [`tanks`] from the description of the benchmark.
 
 pub mod cylinder;
 pub mod muscle;
@@ -16,37 +16,37 @@ use model_discrepancy::verdict::{Choice, Verdict};
 use serde::Serialize;
 use std::path::Path;
 
-/// What became of one set.
+/// The outcome of one set.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Outcome {
-    /// What was measured.
+    /// Description of the measurement.
     pub set: String,
-    /// What was fitted.
+    /// Description of the fitted records.
     pub fitted: Vec<String>,
-    /// What was held out.
+    /// Description of the held-out records.
     pub held_out: Vec<String>,
-    /// The signal that is compared, and its unit.
+    /// The compared signal.
     pub signal: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// Largest less smallest value of it, held out.
+    /// Range of the signal in the held-out records.
     pub range: f64,
-    /// What the model alone misses on held-out records, root mean square, calibrated to the fitted
-    /// records.
+    /// Root mean square error on the held-out records of the model without effects, calibrated with
+    /// the fitted records.
     pub calibrated: f64,
-    /// What it misses with the named effects.
+    /// The same error with the named effects.
     pub after: f64,
-    /// What no model can explain: noise, and what the rig does not repeat.
+    /// Lower limit of the error: noise and repeatability.
     pub noise: f64,
-    /// The verdict, in a word; `refused` where the tool takes no such record.
+    /// The verdict; `refused` if the tool refuses the records.
     pub verdict: String,
     /// Named effects with their sizes.
     pub effects: Vec<Found>,
-    /// What remains, or why it was refused.
+    /// Description of the remaining residual, or the reason of the refusal.
     pub remains: String,
-    /// The experiment that would tell.
+    /// The recommended experiment.
     pub next_experiment: String,
-    /// What the tool doubts.
+    /// Warnings of the tool.
     pub warnings: Vec<String>,
     /// Time it took \[s\].
     pub spent_s: f64,
@@ -60,16 +60,16 @@ pub struct Outcome {
 pub struct Found {
     /// Its name.
     pub name: String,
-    /// Its size, in words.
+    /// Its size, as text.
     pub size: String,
-    /// What is published of it.
+    /// The published value.
     pub published: &'static str,
-    /// Other effects that would do as well.
+    /// Other effects that explain the data equally well.
     pub alternatives: Vec<&'static str>,
 }
 
 impl Outcome {
-    /// A set that the tool refuses, with its words.
+    /// The outcome of a set that the tool refuses, with its message.
     pub fn refused(set: &str, why: String) -> Outcome {
         Outcome {
             set: set.into(),
@@ -79,7 +79,7 @@ impl Outcome {
         }
     }
 
-    /// What a model other than the muscle's has chosen.
+    /// Adds the result of a model other than the muscle's.
     fn chosen<M: Model>(&mut self, model: &M, choice: &Choice, published: &[(&str, &'static str)]) {
         self.verdict = word(choice.verdict).into();
         if choice.verdict != Verdict::Explained {
@@ -118,7 +118,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count.max(1.0)).sqrt()
 }
 
-/// Diagnoses every set that `folder` has; the others are told on stderr.
+/// Diagnoses every set in `folder`; missing sets are reported on stderr.
 pub fn all(folder: &Path) -> Vec<Outcome> {
     let mut outcomes = muscle::all(folder);
     outcomes.extend(cylinder::all(folder));
@@ -136,8 +136,8 @@ fn set_of(folder: &Path, set: &str) -> Option<std::path::PathBuf> {
     None
 }
 
-/// What a fit leaves over held-out records, root mean square, where one noise is the unit of all
-/// residuals.
+/// Root mean square residual of a fit on the held-out records, if the unit of all residuals is the
+/// same noise.
 fn held_out<M: Model>(model: &M, fit: &model_discrepancy::engine::Fit, noise: f64) -> f64 {
     let records = model.fitted()..model.records();
     let residuals = records.flat_map(|record| {
@@ -178,7 +178,7 @@ fn candidate(
     }
 }
 
-/// A parameter whose usual size is given.
+/// A parameter with a given typical value.
 fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f64) -> Parameter {
     Parameter {
         name,

@@ -1,4 +1,4 @@
-//! Pneumatic muscles on a bench, and what resembles them.
+//! Pneumatic muscles on a bench, and similar actuators.
 
 use crate::{Found, Outcome, set_of, word};
 use hil_sim::error::BadInput;
@@ -135,7 +135,7 @@ const SETS: [Set; 9] = [
     },
 ];
 
-/// Sets that lack what a diagnosis needs: the tool's words are their outcome.
+/// Sets without the signals that a diagnosis needs: the message of the tool is their outcome.
 const REFUSED: [(&str, &str, &str); 3] = [
     (
         "20 mm muscle, filled: pressure alone",
@@ -240,7 +240,7 @@ impl Set {
     }
 }
 
-/// A size that can be read, small as it may be.
+/// A value with its significant digits.
 fn significant(value: f64) -> String {
     match value.abs() {
         size if size == 0.0 || (1e-2..1e6).contains(&size) => format!("{value:.3}"),

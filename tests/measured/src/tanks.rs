@@ -1,8 +1,8 @@
 //! The cascaded tanks of the nonlinear identification benchmark (Schoukens & Noël 2017): a pump
-//! fills the upper tank, that the lower one, whose level is measured.
+//! fills the upper tank, which drains into the lower one, whose level is measured.
 //!
-//! h1' = k4 u − k1 √h1, h2' = k2 √h1 − k3 √h2 in volts of the level sensor (Torricelli). Of one
-//! record, the first half is fitted, the second predicted by the same run from its begin.
+//! h1' = k4 u − k1 √h1, h2' = k2 √h1 − k3 √h2 in volts of the level sensor (Torricelli). The
+//! first half of the record is fitted, the second is simulated by the same run from the start.
 
 use crate::{Outcome, candidate, held_out, noise_of, parameter, range, set_of};
 use hil_sim::error::BadInput;
@@ -13,13 +13,13 @@ use model_discrepancy::verdict::choose;
 use std::path::Path;
 use std::time::Instant;
 
-/// k1, k2, k3 \[√V/s\], k4 \[1/s\] and h1 at the begin \[V\]: tanks that empty in some minutes, and
+/// k1, k2, k3 \[√V/s\], k4 \[1/s\] and initial h1 \[V\]: of tanks that empty in some minutes and
 /// are half full at half the pump's voltage.
 const NOMINAL: [f64; 5] = [0.05, 0.05, 0.05, 0.04, 5.0];
-/// Relative standard deviation of each: nothing is said of the tanks.
+/// Relative standard deviation of each, as the values of the tanks are not published.
 const SIGMA: f64 = 0.5;
 const LEAST_SHARE: f64 = 0.02;
-/// Where the level sensor ends \[V\].
+/// Upper limit of the level sensor \[V\].
 const MOST_V: f64 = 10.0;
 /// Steps of the integration in a sample.
 const STEPS: usize = 4;
@@ -153,7 +153,7 @@ impl Model for Tanks {
         self.half(record).len()
     }
 
-    /// Whether a tank runs over is decided by its level.
+    /// An overflow depends on the level, not in proportion.
     fn proportional(&self, _: usize) -> bool {
         false
     }
@@ -209,7 +209,7 @@ fn outcome(folder: &Path) -> Result<Outcome, BadInput> {
     Ok(outcome)
 }
 
-/// The set, if it is there.
+/// The outcome of the set, if it exists.
 pub fn all(folder: &Path) -> Vec<Outcome> {
     let Some(folder) = set_of(folder, "cascaded_tanks") else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! The measured sets, diagnosed: what must hold of any muscle, whatever the tool names.
+//! Properties that the diagnosis of the measured sets must have, whichever effects it names.
 
 use measured::Outcome;
 use std::path::Path;
@@ -13,7 +13,7 @@ fn names(outcome: &Outcome) -> Vec<&str> {
 
 #[test]
 #[ignore = "needs the measured sets at MEASURED_DATA_DIR"]
-fn what_is_named_on_real_rigs_explains_runs_that_were_held_out() {
+fn effects_found_on_real_rigs_reduce_the_error_on_held_out_runs() {
     let folder = std::env::var_os("MEASURED_DATA_DIR").expect("MEASURED_DATA_DIR names the folder");
     let outcomes = measured::all(Path::new(&folder));
     for outcome in outcomes
@@ -29,7 +29,7 @@ fn what_is_named_on_real_rigs_explains_runs_that_were_held_out() {
         let found = outcomes.iter().find(|outcome| outcome.set.contains(set));
         found.unwrap_or_else(|| panic!("{set} is a set"))
     };
-    // A clamped muscle shows no play, and its force behind its pressure is a hose.
+    // A clamped muscle shows no backlash, and a force that lags its pressure is due to a hose.
     for outcome in outcomes
         .iter()
         .filter(|outcome| outcome.set.contains("muscle"))

@@ -1,5 +1,6 @@
-//! A catalogue with one effect more: its file, and one line here. The tests simulate, diagnose,
-//! list, check and compensate it as any other effect.
+//! A catalogue with one effect more: its file, and one line here. `simulate`, `diagnose`, `check`,
+//! `compensate` and the reports read the catalogue; the tests simulate, diagnose, list, check and
+//! compensate it as any other effect.
 
 pub mod pulley_eccentricity;
 

@@ -3,6 +3,7 @@
 use hil_sim::bench::compensate::compensate;
 use hil_sim::identify::diagnosis::diagnose;
 use hil_sim::identify::simulate::simulate;
+use hil_sim::record::check::check;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use hil_sim::rig::Rig;
 use model_core::pressure::GaugePa;
@@ -124,6 +125,36 @@ fn it_is_named_where_other_code_hides_it() {
     // The fitted rig names it.
     let text = found.fitted.rewritten(Rig::REFERENCE_TOML).expect("TOML");
     assert!(text.contains("name = \"pulley-eccentricity\""));
+}
+
+#[test]
+fn check_lists_it_where_the_record_does_not_show_it() {
+    let rig = rig("");
+    let told = |record: &Record| -> Vec<(&str, String)> {
+        let subsystems = check(record).subsystems(&rig.catalogue, Some(&rig));
+        let lacks = subsystems.into_iter().flat_map(|subsystem| {
+            let blind_to = subsystem.blind_to.into_iter();
+            blind_to.map(move |lack| (subsystem.name, lack))
+        });
+        lacks.filter(|(_, lack)| lack.contains(KIND.name)).collect()
+    };
+    let drive = triangles(4.0);
+    assert_eq!(told(&hidden(&drive, 1)), []);
+    let of_force = "force-sensor-offset, pulley-eccentricity, muscle against load: no force_n";
+    let of_load = "force-sensor-offset, pulley-eccentricity: no force_n";
+    assert_eq!(
+        told(&drive),
+        [
+            ("muscle force", of_force.to_owned()),
+            ("load", of_load.to_owned())
+        ]
+    );
+    // One length, at which no load can be diagnosed.
+    let mut clamped = hidden(&drive, 1);
+    clamped.set(CONTRACTION, vec![0.1; 600]);
+    let of_force = "hysteresis, backlash, pulley-eccentricity, what else depends on the \
+                    contraction: one contraction only";
+    assert_eq!(told(&clamped), [("muscle force", of_force.to_owned())]);
 }
 
 #[test]

@@ -1,13 +1,13 @@
-//! What a case hides, as the generator's answer tells it.
+//! The answer of a case, written by the generator: its hidden effects.
 
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// An effect counts where it changes a held-out signal by at least this many times its noise.
+/// An effect is visible if it changes a held-out signal by at least this multiple of its noise.
 pub const VISIBLE_OVER_NOISE: f64 = 3.0;
 
-/// What kind of thing is hidden.
+/// The kind of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -17,14 +17,14 @@ pub enum Kind {
     Pair,
     /// Three listed effects.
     Triple,
-    /// Nothing.
+    /// No hidden effect.
     None,
-    /// One effect that no diagnosis has a name for.
+    /// One effect that is in no catalogue of a diagnosis.
     Unlisted,
 }
 
 impl Kind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Kind; 5] = [
         Kind::Single,
         Kind::Pair,
@@ -33,7 +33,7 @@ impl Kind {
         Kind::Unlisted,
     ];
 
-    /// In a table.
+    /// The name in tables.
     pub fn name(self) -> &'static str {
         truth::Kind::from(self).name()
     }
@@ -56,15 +56,15 @@ impl From<Kind> for truth::Kind {
 pub struct Hidden {
     /// Its name.
     pub name: String,
-    /// The form it takes.
+    /// Its form.
     pub form: String,
-    /// From 0, barely visible, to 1, plain.
+    /// Size from 0 (barely visible) to 1 (obvious).
     pub size: f64,
-    /// Parameters that mean the same in the effect's simplest textbook form.
+    /// Parameters of the effect's simplest textbook form.
     pub standard: BTreeMap<String, f64>,
     /// Largest change of a signal on held-out records, over that signal's noise.
     pub most_over_noise: f64,
-    /// Effects whose laws can make the same data, as far as the generator has computed it.
+    /// Effects that can produce the same data, as far as the generator has computed them.
     #[serde(default)]
     pub indistinguishable_from: Vec<String>,
 }
@@ -72,7 +72,7 @@ pub struct Hidden {
 /// The answer to a case.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Answer {
-    /// How its laws are made: `drawn` or `catalogue-like`.
+    /// Family of the laws: `drawn` or `catalogue-like`.
     pub family: String,
     /// Name of the case.
     pub id: String,
@@ -80,34 +80,34 @@ pub struct Answer {
     pub seed: u64,
     /// Number of the case.
     pub index: u64,
-    /// What kind of thing is hidden.
+    /// Kind of the case.
     pub kind: Kind,
-    /// The records have the muscle's force.
+    /// Whether the records contain the muscle's force.
     pub force_channel: bool,
     /// Kind of records: their length or their rate.
     pub records: String,
-    /// The records begin in motion.
+    /// Whether the records begin in motion.
     pub starts_moving: bool,
-    /// What is hidden.
+    /// The hidden effects.
     pub effects: Vec<Hidden>,
     /// Each measured signal's noise, in the column's unit.
     pub noise: BTreeMap<String, f64>,
 }
 
 impl Answer {
-    /// Every hidden effect shows; so does having none.
+    /// Whether every hidden effect is visible; true without hidden effects.
     pub fn visible(&self) -> bool {
         let shows = |hidden: &Hidden| hidden.most_over_noise >= VISIBLE_OVER_NOISE;
         self.effects.iter().all(shows)
     }
 
-    /// No hidden effect can be taken for another by any method.
+    /// Whether every hidden effect can be distinguished from the others.
     pub fn distinguishable(&self) -> bool {
         let alone = |hidden: &Hidden| hidden.indistinguishable_from.is_empty();
         self.effects.iter().all(alone)
     }
 
-    /// Names of what is hidden, `+` between them; `none` if nothing is.
+    /// Names of the hidden effects with `+` between them, or `none`.
     pub fn label(&self) -> String {
         let names: Vec<&str> = self.effects.iter().map(|e| e.name.as_str()).collect();
         if names.is_empty() {
@@ -117,12 +117,12 @@ impl Answer {
         }
     }
 
-    /// Size of the least hidden effect: all of them have to be found.
+    /// Size of the smallest hidden effect.
     pub fn least_size(&self) -> Option<f64> {
         self.effects.iter().map(|e| e.size).reduce(f64::min)
     }
 
-    /// Least of the effects' change over noise.
+    /// Smallest ratio of an effect's change to the noise.
     pub fn least_over_noise(&self) -> Option<f64> {
         let changes = self.effects.iter().map(|e| e.most_over_noise);
         changes.reduce(f64::min)

@@ -1,4 +1,4 @@
-//! A program run with a time limit, its time and memory measured.
+//! Runs a program with a time limit, and measures its time and memory.
 
 use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
 use serde::{Deserialize, Serialize};
@@ -7,29 +7,29 @@ use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 use wait4::Wait4;
 
-/// How long between looks at whether it has ended: a hundredth of the shortest time of interest.
+/// Polling interval: a hundredth of the shortest time of interest.
 const LOOK: Duration = Duration::from_millis(5);
 
-/// How a program ran.
+/// How a program ended, with its time and memory.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Ended {
-    /// Its exit status; none if a signal ended it.
+    /// Its exit status; `None` if a signal ended it.
     pub exit: Option<i32>,
-    /// It was ended because it took too long.
+    /// Whether it exceeded the time limit.
     pub timed_out: bool,
     /// Time from start to end \[s\].
     pub wall_s: f64,
-    /// Time on processors, all threads together \[s\].
+    /// CPU time of all threads \[s\].
     pub cpu_s: f64,
-    /// Largest memory it had; never below that of this program, from which it was started.
+    /// Peak memory, at least that of this program, from which it was started.
     pub peak_memory_bytes: u64,
 }
 
 impl Ended {
-    /// What was wrong with how it ended, in words.
+    /// Description of an abnormal end.
     pub fn fault(&self) -> Option<String> {
         match self.exit {
-            _ if self.timed_out => Some(format!("ended after {:.0} s", self.wall_s)),
+            _ if self.timed_out => Some("ended at the time limit".into()),
             Some(0) => None,
             Some(status) => Some(format!("exit status {status}")),
             None => Some("ended by a signal".into()),
@@ -37,7 +37,7 @@ impl Ended {
     }
 }
 
-/// Waits until it has ended or the time is up; the child is left to be reaped.
+/// Waits until the child has ended or the time limit; does not reap it.
 fn ends_within(child: &Child, limit: Duration) -> io::Result<bool> {
     let id = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
     let id = WaitId::Pid(id.ok_or(io::ErrorKind::NotFound)?);
@@ -84,10 +84,10 @@ mod tests {
     }
 
     #[test]
-    fn tells_how_it_ended() {
+    fn reports_exit_status_and_signals() {
         let ended = shell("exit 3", Duration::from_secs(60));
         assert_eq!(ended.fault().as_deref(), Some("exit status 3"));
-        assert!(ended.peak_memory_bytes > 100_000 && ended.wall_s < 50.0);
+        assert!(ended.peak_memory_bytes > 100_000);
         let ended = shell("exit 0", Duration::from_secs(60));
         assert_eq!(ended.fault(), None);
         let ended = shell("kill -9 $$", Duration::from_secs(60));
@@ -95,10 +95,11 @@ mod tests {
     }
 
     #[test]
-    fn ends_what_takes_too_long() {
+    fn ends_a_program_at_the_time_limit() {
         let ended = shell("exec sleep 60", Duration::from_millis(200));
-        assert!(ended.timed_out && ended.wall_s < 30.0);
-        assert_eq!(ended.fault().as_deref(), Some("ended after 0 s"));
+        // By a signal: it was not waited for.
+        assert!(ended.timed_out && ended.exit.is_none(), "{ended:?}");
+        assert_eq!(ended.fault().as_deref(), Some("ended at the time limit"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! `diagnosis.json`, read as strictly as its users would.
+//! Reads `diagnosis.json`, strictly.
 
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,11 +9,11 @@ use std::collections::{BTreeMap, BTreeSet};
 pub enum Verdict {
     /// The nominal model explains the data.
     Consistent,
-    /// The named effects do.
+    /// The named effects explain the data.
     Explained,
-    /// The named effects are certain, and something else is left.
+    /// The named effects are certain, but do not explain all of the data.
     Partial,
-    /// Something is left that no known effect explains.
+    /// No known effects explain the data.
     Unexplained,
 }
 
@@ -33,23 +33,23 @@ pub struct Parameter {
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// Where it is.
+    /// Its subsystem.
     #[serde(rename = "where")]
     pub place: String,
     /// Its parameters.
     pub parameters: BTreeMap<String, Parameter>,
-    /// Names that the data cannot tell from this one.
+    /// Effects that the data do not distinguish from this one.
     pub alternatives: Vec<String>,
     /// Posterior probability that it is present; from schema 2 on.
     pub probability: Option<f64>,
 }
 
-/// One set of effects and what is known of it.
+/// One hypothesis: a set of effects and its posterior probability.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Hypothesis {
     /// Its names.
     pub effects: Vec<String>,
-    /// Subsystems in which something unknown acts.
+    /// Subsystems with an unknown effect.
     #[serde(default)]
     pub unknown: Vec<String>,
     /// Its posterior probability.
@@ -63,17 +63,17 @@ pub struct Gap {
     pub before: f64,
     /// With the fitted rig.
     pub after: f64,
-    /// Floor estimated from the data.
+    /// Noise floor estimated from the data.
     pub noise: f64,
 }
 
-/// What is left.
+/// A remaining residual.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Remaining {
-    /// In which equations.
+    /// The equations in which it occurs.
     #[serde(rename = "where")]
     pub places: Vec<String>,
-    /// When, in words.
+    /// The states in which it occurs, as text.
     pub when: String,
 }
 
@@ -84,21 +84,21 @@ pub struct Diagnosis {
     pub schema: u32,
     /// The verdict.
     pub verdict: Verdict,
-    /// What is missing from the nominal model.
+    /// Effects that the nominal model lacks.
     pub effects: Vec<Named>,
-    /// By signal.
+    /// Gaps by signal.
     pub gap: BTreeMap<String, Gap>,
-    /// What is left.
+    /// Remaining residuals.
     pub remaining: Remaining,
-    /// The experiment that would tell more.
+    /// The recommended experiment.
     pub next_experiment: String,
-    /// Share of what is above the noise that the effects explain, if it is told.
+    /// Share of the misfit above the noise that the effects explain, if present.
     pub share: Option<f64>,
     /// The posterior over sets of effects; from schema 2 on.
     #[serde(default)]
     pub hypotheses: Vec<Hypothesis>,
-    /// What a user must be told; a signal that the fitted rig predicts worse than the nominal one
-    /// is warned of by its column's name.
+    /// Warnings; one about a signal that the fitted rig predicts worse than the nominal one
+    /// contains the column's name.
     #[serde(default)]
     pub warnings: Vec<String>,
 }
@@ -115,7 +115,7 @@ impl Diagnosis {
         Ok(diagnosis)
     }
 
-    /// Whether it agrees with itself and has the gap of each of `signals`.
+    /// Checks that it is consistent and has the gap of each of `signals`.
     ///
     /// # Errors
     /// What is wrong with it, in words.
@@ -178,7 +178,7 @@ impl Diagnosis {
         Ok(())
     }
 
-    /// Whether a warning names `signal`.
+    /// Whether a warning contains `signal`.
     pub fn warns_of(&self, signal: &str) -> bool {
         self.warnings.iter().any(|warning| warning.contains(signal))
     }

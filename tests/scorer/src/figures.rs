@@ -1,4 +1,4 @@
-//! The benchmark's figures, of all cases and of any part of them.
+//! The benchmark's figures, of all cases and of subsets.
 
 use crate::answer::Kind;
 use crate::outcome::Outcome;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// Figures of some cases.
 #[derive(Clone, Debug, Serialize)]
 pub struct Figures {
-    /// How many cases.
+    /// Number of cases.
     pub cases: usize,
     /// Single effects whose name, and no other, is given.
     pub single: Rate,
@@ -19,27 +19,27 @@ pub struct Figures {
     pub pair: Rate,
     /// Three effects of which all names, and no other, are given.
     pub triple: Rate,
-    /// Nothing hidden and `consistent`.
+    /// Cases without hidden effects and with the verdict `consistent`.
     pub consistent: Rate,
-    /// Nothing hidden and something named.
+    /// Cases without hidden effects in which an effect is named (false alarms).
     pub false_alarms: Rate,
     /// Unlisted effects that were left `unexplained` and unnamed.
     pub abstained: Rate,
-    /// Unlisted effects that got no name, whatever the verdict.
+    /// Unlisted effects without a named effect, with any verdict.
     pub unnamed: Rate,
     /// Listed effects that were only among the alternatives.
     pub ambiguous: Rate,
-    /// Right names under the verdict that something is left.
+    /// Right names with the verdict that they do not explain all of the data.
     pub right_with_remainder: Rate,
-    /// Share of the gap above the noise that is gone, of listed effects, on validation records.
+    /// Share of the gap above the noise that is removed, of listed effects, on validation records.
     pub share_validation: Median,
-    /// The same on records that neither fit nor validation saw.
+    /// The same on records that were used neither for the fit nor for the validation.
     pub share_unseen: Median,
     /// Cases in which no signal is predicted worse than before without a warning.
     pub none_worse: Rate,
     /// Of the names given with a probability of 0.9 and more, the right ones.
     pub sure_names: Rate,
-    /// Expected calibration error of the probabilities of names; none without any.
+    /// Expected calibration error of the probabilities of names; `None` without any.
     pub calibration_error: Option<f64>,
     /// True parameters inside their intervals.
     pub inside_ci95: Rate,
@@ -52,7 +52,7 @@ pub struct Figures {
 }
 
 impl Figures {
-    /// Of `cases`.
+    /// The figures of `cases`.
     pub fn of(cases: &[&Scored]) -> Figures {
         let with = |kind: Kind, outcome: Outcome| {
             let of_kind = cases.iter().filter(|case| case.answer.kind == kind);
@@ -115,21 +115,21 @@ impl Figure {
     }
 }
 
-/// What is to be reached.
+/// A required range of a figure.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Reach {
     /// In words.
     pub name: &'static str,
-    /// The least.
+    /// Lower limit.
     pub least: f64,
-    /// The most.
+    /// Upper limit.
     pub most: f64,
-    /// Which figure.
+    /// The figure.
     #[serde(skip)]
     pub pick: fn(&Figures) -> Figure,
 }
 
-/// All that is to be reached on visible cases.
+/// The required ranges on visible cases.
 pub const REACH: [Reach; 11] = [
     reach("exact name of single effects", 0.97, 1.0, |f| {
         Figure::Rate(f.single)
@@ -172,10 +172,10 @@ const fn reach(name: &'static str, least: f64, most: f64, pick: fn(&Figures) -> 
 }
 
 impl Reach {
-    /// Whether it is reached; none if there are no cases.
+    /// Whether the figure is within its range; `None` if there are no cases.
     pub fn met(&self, figures: &Figures) -> Option<bool> {
         let value = (self.pick)(figures).value()?;
-        // a few cases cannot tell that intervals are too wide
+        // with few cases a high coverage does not show that intervals are too wide
         let most = match (self.pick)(figures) {
             Figure::Rate(rate) if self.least > 0.0 => rate.ci95.map_or(value, |ci95| ci95[0]),
             _ => value,
@@ -185,7 +185,7 @@ impl Reach {
 
     /// In words.
     pub fn target(&self) -> String {
-        // two digits after the point are left out where they are naught
+        // decimals that are zero are omitted
         let percent = |share: f64| format!("{} %", (1e4 * share).round() / 1e2);
         match (self.least, self.most) {
             (0.0, most) => format!("≤ {}", percent(most)),
@@ -195,10 +195,10 @@ impl Reach {
     }
 }
 
-/// What the cases of one part have in common; a case may be in several parts, or in none.
+/// The criterion of a subset of the cases; a case may be in several subsets, or in none.
 type Keys = fn(&Scored) -> Vec<String>;
 
-/// Ways to part the cases.
+/// The criteria by which the cases are divided.
 const DIMENSIONS: [(&str, Keys); 7] = [
     ("kind", |case| vec![case.answer.kind.name().into()]),
     ("effect", |case| {
@@ -248,16 +248,16 @@ fn size_class(size: f64) -> String {
     .into()
 }
 
-/// The cases parted one way.
+/// The cases divided by one criterion.
 #[derive(Clone, Debug, Serialize)]
 pub struct Dimension {
-    /// Which way.
+    /// Name of the criterion.
     pub name: &'static str,
-    /// Figures of each part.
+    /// Figures of each subset.
     pub parts: BTreeMap<String, Figures>,
 }
 
-/// The cases parted every way.
+/// The cases divided by each criterion.
 pub fn dimensions(cases: &[&Scored]) -> Vec<Dimension> {
     let part = |(name, keys): (&'static str, Keys)| {
         let mut parts: BTreeMap<String, Vec<&Scored>> = BTreeMap::new();
@@ -277,7 +277,7 @@ pub fn dimensions(cases: &[&Scored]) -> Vec<Dimension> {
     DIMENSIONS.map(part).into()
 }
 
-/// How often each true label got each column.
+/// Number of cases by true label and column.
 pub type Confusion = BTreeMap<String, BTreeMap<String, usize>>;
 
 /// The confusion matrix of all but pairs and triples.
@@ -294,7 +294,7 @@ pub fn confusion(cases: &[&Scored]) -> Confusion {
     matrix
 }
 
-/// How often each kind of case had each outcome.
+/// Number of cases by kind and outcome.
 pub type Outcomes = BTreeMap<Kind, BTreeMap<Outcome, usize>>;
 
 /// Outcomes by kind.
@@ -339,25 +339,25 @@ impl Cost {
 pub struct Score {
     /// Version of this format.
     pub schema: u32,
-    /// Cases in which what is hidden shows: all figures but the last are of these.
+    /// Figures of the visible cases, on which all figures except the last ones are based.
     pub visible: Figures,
-    /// Those of them with the force channel.
+    /// Figures of the visible cases with the force channel.
     pub with_force: Figures,
-    /// Those without.
+    /// Figures of the visible cases without it.
     pub without_force: Figures,
-    /// Parts of them.
+    /// Figures of subsets of the visible cases.
     pub dimensions: Vec<Dimension>,
     /// Confusion of names.
     pub confusion: Confusion,
     /// Outcomes by kind.
     pub outcomes: Outcomes,
-    /// Outcomes of the cases in which what is hidden hardly shows.
+    /// Outcomes of the cases that are not visible.
     pub faint_outcomes: Outcomes,
-    /// Outcomes of the cases in which an effect can be taken for another by any method.
+    /// Outcomes of the cases in which an effect cannot be distinguished from another.
     pub tied_outcomes: Outcomes,
-    /// Probabilities of names against how often they are right, of all cases.
+    /// Reliability diagram of the probabilities of names, of all cases.
     pub names: Reliability,
-    /// The same of whole hypotheses.
+    /// Reliability diagram of the probabilities of hypotheses.
     pub hypotheses: Reliability,
     /// Time and memory, of all cases.
     pub cost: Cost,
@@ -403,8 +403,8 @@ impl Score {
         self.cases.iter().filter(wrong)
     }
 
-    /// Every figure that there are cases for reaches what is to be reached, and every case has a
-    /// diagnosis: a tool that falls over raises no false alarm.
+    /// Whether every figure with cases is within its required range, and every case has a diagnosis
+    /// (a tool that fails on each case would have no false alarm).
     pub fn reached(&self) -> bool {
         let answered = |case: &Scored| case.outcome != Outcome::NoAnswer;
         let met = |reach: &Reach| reach.met(&self.visible) != Some(false);

@@ -1,4 +1,4 @@
-//! Gaps measured by the scorer itself, from the simulations of the nominal and the fitted rig.
+//! Gaps that the scorer computes from simulations of the nominal and the fitted rig.
 
 use crate::child;
 use hil_sim::record::Record;
@@ -11,19 +11,19 @@ use std::time::Duration;
 /// Root mean square by signal, in the column's unit.
 pub type BySignal = BTreeMap<String, f64>;
 
-/// A gap that is not a tenth above the noise has nothing that could be removed.
+/// Relative excess over the noise below which a gap counts as zero.
 const LEAST_EXCESS: f64 = 0.1;
 
-/// The gaps of some records together.
+/// The gaps of several records.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Gaps {
-    /// Of the nominal rig.
+    /// Gaps of the nominal rig.
     pub before: BySignal,
-    /// Of the fitted rig.
+    /// Gaps of the fitted rig.
     pub after: BySignal,
 }
 
-/// Squares of differences, and how many.
+/// Sum of squared differences, and their number.
 #[derive(Default)]
 struct Sums(BTreeMap<String, (f64, usize)>);
 
@@ -79,7 +79,7 @@ fn simulate(program: &Path, rig: &Path, drive: &Path, limit: Duration) -> Result
     }
 }
 
-/// How far each rig's simulation is from the `records`.
+/// The gaps between the simulation of each rig and the `records`.
 ///
 /// # Errors
 /// A rig cannot be simulated, in words.
@@ -108,8 +108,8 @@ pub fn measure(
 }
 
 impl Gaps {
-    /// Share of the gap above the noise that is gone: (before − after)/(before − noise), each a sum
-    /// over the signals in units of their noise. None if there is next to no gap.
+    /// Share of the gap above the noise that is removed: (before − after)/(before − noise), each a
+    /// sum over the signals in units of their noise. `None` if the gap counts as zero.
     pub fn share_removed(&self, noise: &BySignal) -> Option<f64> {
         let sum = |gaps: &BySignal| -> Option<f64> {
             noise
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_is_of_what_was_above_the_noise() {
+    fn the_share_is_relative_to_the_gap_above_the_noise() {
         let noise = by_signal(100.0, 1e-4);
         let gaps = |after| Gaps {
             before: by_signal(1100.0, 1e-4),
@@ -175,7 +175,7 @@ mod tests {
             gaps(by_signal(600.0, 1e-4)).share_removed(&noise),
             Some(0.5)
         );
-        // worse elsewhere counts against it
+        // a larger gap of another signal reduces the share
         assert_eq!(
             gaps(by_signal(600.0, 6e-4)).share_removed(&noise),
             Some(0.0)
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_claim_is_held_against_what_was_measured() {
+    fn claimed_gaps_are_compared_with_computed_ones() {
         let measured = Gaps {
             before: by_signal(1000.0, 1e-3),
             after: by_signal(100.0, 1e-4),
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn only_samples_of_both_are_compared() {
+    fn only_samples_in_both_records_are_compared() {
         let record = |text: &str| Record::parse("x.csv", text.as_bytes()).expect("a record");
         let measured = record("time_s,contraction\n0,0.1\n1,\n2,0.3\n3,0.4\n");
         let simulated = record("time_s,contraction\n0,0.1\n1,0.2\n2,0.3\n3,0.7\n");

@@ -1,7 +1,7 @@
 //! Scores `hil-sim diagnose` on hidden effects: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: scored. 1: scored, and `--check` found a figure that is not reached. 2: it could
-//! not be.
+//! Exit status 0: scored. 1: scored, and `--check` found a figure outside its required range. 2:
+//! not scored because of an error.
 
 use clap::{Args, Parser, Subcommand};
 use hil_sim::bench::test_signal::Part;
@@ -20,7 +20,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 use truth::Family;
 
-/// Measures how well `hil-sim diagnose` names what is hidden in rigs it has never seen.
+/// Measures how well `hil-sim diagnose` finds hidden effects in simulated rigs that it does not
+/// know
 #[derive(Parser)]
 #[command(version, after_help = EXAMPLES)]
 struct Cli {

@@ -1,36 +1,36 @@
-//! One diagnosis against one answer.
+//! Compares a diagnosis with the answer of its case.
 
 use crate::answer::{Answer, Kind};
 use crate::diagnosis::{Diagnosis, Named, Verdict};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// How a diagnosis did.
+/// The outcome of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// What had to be said, and nothing else.
+    /// The right result.
     Right,
-    /// As many effects as are hidden, a true name among the `alternatives` instead of on top.
+    /// The right number of effects, but a true name only among the `alternatives`.
     Ambiguous,
-    /// Some of the hidden effects, nothing false.
+    /// Some of the hidden effects, and no other.
     Partial,
-    /// All hidden effects, and more.
+    /// All hidden effects, and others.
     Extra,
-    /// A name of something that is not there.
+    /// An effect that is not hidden.
     Wrong,
-    /// A name where nothing is hidden.
+    /// An effect is named, but none is hidden.
     FalseAlarm,
-    /// `consistent`, though something is hidden.
+    /// `consistent`, although an effect is hidden.
     Missed,
-    /// `unexplained` without a name, where a name or `consistent` was right.
+    /// `unexplained` without a name, although a name or `consistent` is right.
     Abstained,
-    /// No diagnosis, or one that cannot be read.
+    /// No readable diagnosis.
     NoAnswer,
 }
 
 impl Outcome {
-    /// All of them, best first.
+    /// All outcomes, best first.
     pub const ALL: [Outcome; 9] = [
         Outcome::Right,
         Outcome::Ambiguous,
@@ -43,7 +43,7 @@ impl Outcome {
         Outcome::NoAnswer,
     ];
 
-    /// In a table.
+    /// The name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Outcome::Right => "right",
@@ -59,7 +59,7 @@ impl Outcome {
     }
 }
 
-/// How `diagnosis` did; `None` is one that cannot be read.
+/// The outcome of `diagnosis`; `None` if it cannot be read.
 pub fn outcome(answer: &Answer, diagnosis: Option<&Diagnosis>) -> Outcome {
     let Some(diagnosis) = diagnosis else {
         return Outcome::NoAnswer;
@@ -75,13 +75,13 @@ pub fn outcome(answer: &Answer, diagnosis: Option<&Diagnosis>) -> Outcome {
     }
     match answer.kind {
         Kind::None => Outcome::FalseAlarm,
-        // its name is in no catalogue: whatever was named instead is not there
+        // its name is in no catalogue: every named effect is false
         Kind::Unlisted => Outcome::Wrong,
         Kind::Single | Kind::Pair | Kind::Triple => named(answer, diagnosis),
     }
 }
 
-/// As [`outcome`], where something listed is hidden and something is named.
+/// As [`outcome`], if listed effects are hidden and effects are named.
 fn named(answer: &Answer, diagnosis: &Diagnosis) -> Outcome {
     let hidden: BTreeSet<&str> = answer.effects.iter().map(|e| e.name.as_str()).collect();
     let said = diagnosis.names();
@@ -91,15 +91,16 @@ fn named(answer: &Answer, diagnosis: &Diagnosis) -> Outcome {
         Outcome::Extra
     } else if said.is_subset(&hidden) {
         Outcome::Partial
-    } else if said.len() == hidden.len() && told_apart(&hidden, &diagnosis.effects) {
+    } else if said.len() == hidden.len() && are_assignable(&hidden, &diagnosis.effects) {
         Outcome::Ambiguous
     } else {
         Outcome::Wrong
     }
 }
 
-/// Each hidden name can be given a named effect of its own that is it or lists it.
-fn told_apart(hidden: &BTreeSet<&str>, named: &[Named]) -> bool {
+/// Whether each hidden effect can be assigned to a different named effect that has its name or
+/// lists it as an alternative.
+fn are_assignable(hidden: &BTreeSet<&str>, named: &[Named]) -> bool {
     let Some(first) = hidden.first() else {
         return true;
     };
@@ -109,7 +110,7 @@ fn told_apart(hidden: &BTreeSet<&str>, named: &[Named]) -> bool {
         let candidate = &named[i];
         let others = [&named[..i], &named[i + 1..]].concat();
         let listed = candidate.alternatives.iter().any(|name| name == first);
-        (candidate.name == *first || listed) && told_apart(&rest, &others)
+        (candidate.name == *first || listed) && are_assignable(&rest, &others)
     })
 }
 

@@ -1,4 +1,4 @@
-//! Probabilities against how often what they are given to is so.
+//! Reliability diagrams: probabilities compared with relative frequencies.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ const BINS: usize = 10;
 /// Probabilities of one bin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Bin {
-    /// How many.
+    /// Their number.
     pub count: usize,
     /// Their mean.
     pub mean: f64,
@@ -22,12 +22,12 @@ pub struct Reliability {
     /// Bins from 0 to 1.
     pub bins: Vec<Bin>,
     /// Expected calibration error: mean of |right − mean| over all probabilities, each with its
-    /// bin's (Guo et al. 2017); none of none.
+    /// bin's (Guo et al. 2017); `None` without probabilities.
     pub error: Option<f64>,
 }
 
 impl Reliability {
-    /// Of probabilities and whether what they are given to is so.
+    /// The diagram of probabilities, each with whether its event is true.
     pub fn of(probabilities: impl IntoIterator<Item = (f64, bool)>) -> Reliability {
         let mut sums = [(0_usize, 0.0, 0_usize); BINS];
         for (probability, right) in probabilities {

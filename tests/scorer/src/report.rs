@@ -1,4 +1,4 @@
-//! The score for the eye: a summary for the terminal, and the whole as HTML.
+//! Reports of the score: a summary for the terminal, and a complete report as HTML.
 
 use crate::figures::{Confusion, Dimension, Figure, Figures, Outcomes, REACH, Score};
 use crate::outcome::Outcome;
@@ -7,16 +7,16 @@ use crate::scored::Scored;
 use crate::statistics::{Median, Rate};
 use hil_sim::report::{Axis, Marker, Plot, Report, Section, Series, Table};
 
-/// Where the score comes from, for the report.
+/// Origin of the score, for the report.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
-    /// The command that makes it again.
+    /// The command that reproduces it.
     pub command: String,
-    /// The folder of the cases; a case that is run again goes to one beside it.
+    /// The folder of the cases; a repeated case is written to a folder beside it.
     pub out: String,
-    /// The program that is measured; the usual one if empty.
+    /// The measured program; the default one if empty.
     pub program: String,
-    /// What a reader must know beforehand.
+    /// Notes for the reader.
     pub warnings: Vec<String>,
 }
 
@@ -65,7 +65,7 @@ fn table(caption: &str, columns: &[&str], rows: Vec<Vec<String>>) -> Table {
     }
 }
 
-/// What is to be reached, and what is.
+/// Required ranges of the figures, and their values.
 fn headline(score: &Score) -> Table {
     let row = |reach: &crate::figures::Reach| {
         let of = |figures: &Figures| figure((reach.pick)(figures));
@@ -137,14 +137,14 @@ fn outcomes(caption: &str, counts: &Outcomes) -> Table {
     table(caption, &columns, counts.iter().map(row).collect())
 }
 
-/// The cases that do not count, if there are any.
+/// The cases that are not visible, if there are any.
 fn faint(score: &Score) -> Option<Table> {
     let caption = "Apart: what is hidden hardly shows";
     let any = !score.faint_outcomes.is_empty();
     any.then(|| outcomes(caption, &score.faint_outcomes))
 }
 
-/// Cases in which an effect can be taken for another, if there are any.
+/// The cases in which an effect cannot be distinguished from another, if there are any.
 fn tied(score: &Score) -> Option<Table> {
     let caption = "Apart: what is hidden can be taken for another effect by any method";
     let any = !score.tied_outcomes.is_empty();
@@ -228,7 +228,7 @@ fn cost(score: &Score) -> Table {
     table(caption, &["", "median", "95 %", "most"], rows)
 }
 
-/// A way of reading one cell out of figures.
+/// The text of a table cell from figures.
 type Cell = fn(&Figures) -> String;
 
 fn dimension(dimension: &Dimension) -> Table {
@@ -346,7 +346,7 @@ fn confusion_lines(confusion: &Confusion) -> Table {
     )
 }
 
-/// The one command that runs a case again, and scores it alone.
+/// The command that repeats a case and scores it alone.
 fn repeat(case: &Scored, origin: &Origin) -> String {
     let answer = &case.answer;
     let (seed, index) = (answer.seed, answer.index);
@@ -402,7 +402,7 @@ fn wrong(score: &Score, origin: &Origin) -> Table {
     )
 }
 
-/// What the tool says of itself that the scorer measured otherwise.
+/// Gaps and noise that the diagnosis claims, compared with those that the scorer computed.
 fn claims(score: &Score) -> Table {
     let cases = || score.cases.iter().filter(|case| case.fault.is_none());
     let compared = || cases().filter_map(|case| case.claim_difference);
@@ -554,7 +554,7 @@ fn rate_plots(score: &Score) -> Vec<Plot> {
     vec![size, over_noise]
 }
 
-/// How many cases have at most each value.
+/// Cumulative distribution of values.
 fn distribution(name: &str, values: impl Iterator<Item = f64>) -> Series {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
@@ -570,7 +570,7 @@ fn share_plot(score: &Score) -> Plot {
             .iter()
             .filter(|case| case.visible && case.listed())
     };
-    // worse than nothing is all the same on this scale
+    // negative shares are clipped on this scale
     let seen = |share: Option<f64>| share.map(|share| share.max(-0.5));
     let series = vec![
         distribution(
@@ -664,7 +664,7 @@ fn verdict(score: &Score, origin: &Origin) -> Vec<String> {
     verdict
 }
 
-/// What fits a terminal.
+/// The summary for a terminal.
 pub fn summary(score: &Score, origin: &Origin) -> Report {
     let by = |name: &'static str| {
         score
@@ -701,7 +701,7 @@ pub fn summary(score: &Score, origin: &Origin) -> Report {
     }
 }
 
-/// Everything.
+/// The complete report.
 pub fn full(score: &Score, origin: &Origin) -> Report {
     let mut outcomes = vec![outcomes("Outcomes by what is hidden", &score.outcomes)];
     outcomes.extend(faint(score).into_iter().chain(tied(score)));

@@ -1,7 +1,8 @@
 //! Runs the tool on cases.
 //!
-//! A case's folder holds `given/` (all that the tool is told), `out/` (all that it writes), what it
-//! printed, and, written only after it has ended, `answer.json`, the unseen records and `run.json`.
+//! The folder of a case contains `given/` (the inputs of the tool), `out/` (its output files), what
+//! it printed, and, written only after it has ended, `answer.json`, the unseen records and
+//! `run.json`.
 
 use crate::answer::{Answer, Kind};
 use crate::child::{self, Ended};
@@ -25,7 +26,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 use truth::{Case, Drive, Family};
 
-/// Numbers that are looked through for cases that fit a selection.
+/// Number of cases that are searched for those that match a selection.
 const SEARCHED: u64 = 100_000;
 
 /// As much of stderr as tells why it failed.
@@ -33,7 +34,7 @@ const LAST_LINES: usize = 3;
 /// The same, in one table cell.
 const LAST_CHARACTERS: usize = 300;
 
-/// Why cases could not be run or read.
+/// The errors of running or reading cases.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file or folder.
@@ -68,7 +69,7 @@ fn at(path: &Path) -> impl FnOnce(io::Error) -> Error {
     move |source| Error::File { path, source }
 }
 
-/// Which cases.
+/// A selection of cases.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
     /// How the laws of effects are made.
@@ -129,17 +130,17 @@ pub struct Tool {
     pub again: bool,
 }
 
-/// How the tool ran on one case.
+/// One run of the tool on a case.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Run {
-    /// Arguments besides those of the case.
+    /// Arguments in addition to those of the case.
     pub arguments: Vec<String>,
     /// Parts of its own experiment, of which it was given a record, too.
     #[serde(default)]
     pub experiment: Vec<String>,
     /// Checksum of the program.
     pub program_crc32: u32,
-    /// How it ended.
+    /// How the program ended.
     pub ended: Ended,
     /// The last lines that it wrote to stderr.
     pub last_words: String,
@@ -156,7 +157,7 @@ pub struct Collected {
     pub answer: Answer,
     /// How the tool ran.
     pub run: Run,
-    /// The diagnosis, or what is wrong with it.
+    /// The diagnosis, or the reason why it cannot be read.
     pub diagnosis: Result<Diagnosis, String>,
     /// The form of each effect in the fitted rig, where it names one.
     pub forms: BTreeMap<String, String>,
@@ -238,7 +239,7 @@ impl Folder {
             .arg(&out)
             .args(&tool.arguments)
             .stdin(Stdio::null());
-        // files, not pipes: what it may leave running cannot keep them open for us
+        // files, not pipes, which remaining child processes could keep open
         let printed = |name: &str| {
             let path = self.0.join(name);
             File::create(&path).map_err(at(&path))
@@ -264,7 +265,7 @@ impl Folder {
     /// Runs the tool on case `index` and keeps what came of it.
     fn run(&self, tool: &Tool, crc32: u32, of: &Selection, index: u64) -> Result<(), Error> {
         if self.0.exists() {
-            // nothing of an earlier run may be taken for this one's, nor be there to read
+            // removes the results of an earlier run
             fs::remove_dir_all(&self.0).map_err(at(&self.0))?;
         }
         let mut case = of.family.case(of.seed, index);
@@ -299,11 +300,11 @@ impl Folder {
             validation: gaps(&validate),
             unseen: gaps(&unseen),
         };
-        // last: a case without it has not been run
+        // written last, as it marks the case as run
         write_json(&self.0.join("run.json"), &run)
     }
 
-    /// It has been run, with these arguments and records.
+    /// Whether it has been run with these arguments and records.
     fn is_done(&self, tool: &Tool) -> bool {
         let run: Result<Run, Error> = read_json(&self.0.join("run.json"));
         run.is_ok_and(|run| {

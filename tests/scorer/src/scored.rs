@@ -1,4 +1,4 @@
-//! One case, judged: everything that the figures are made of.
+//! The score of one case, on which the figures are based.
 
 use crate::answer::{Answer, Hidden, Kind};
 use crate::diagnosis::{Diagnosis, Hypothesis, Named, Verdict};
@@ -9,7 +9,7 @@ use crate::shared::Shared;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A parameter that means the same in the truth and in the diagnosis.
+/// A parameter with the same meaning in the truth and in the diagnosis.
 #[derive(Clone, Debug, Serialize)]
 pub struct ParameterScore {
     /// The effect.
@@ -18,19 +18,19 @@ pub struct ParameterScore {
     pub parameter: String,
     /// Its true value.
     pub truth: f64,
-    /// Value and interval in the diagnosis; none if it has no such parameter.
+    /// Value and interval in the diagnosis; `None` if it lacks the parameter.
     pub estimate: Option<(f64, [f64; 2])>,
 }
 
 impl ParameterScore {
-    /// The true value is inside the interval; none if there is no estimate.
+    /// Whether the true value is inside the interval; `None` without an estimate.
     pub fn inside(&self) -> Option<bool> {
         let (_, [low, high]) = self.estimate?;
         Some((low..=high).contains(&self.truth))
     }
 }
 
-/// A judged case.
+/// A scored case.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scored {
     /// The answer.
@@ -52,7 +52,7 @@ pub struct Scored {
     pub alternatives: Vec<String>,
     /// Column of the confusion matrix.
     pub column: String,
-    /// How it did.
+    /// The outcome.
     pub outcome: Outcome,
     /// Why there is no diagnosis.
     pub fault: Option<String>,
@@ -141,7 +141,7 @@ fn hypothesis_probabilities(answer: &Answer, diagnosis: Option<&Diagnosis>) -> V
 
 /// Relative growth of a gap that is more than the sampling of its noise explains.
 const WORSE: f64 = 1.05;
-/// A gap below this multiple of its noise is no gap.
+/// Multiple of the noise below which a gap counts as zero.
 const AT_NOISE: f64 = 1.1;
 
 /// Signals with a larger gap after the diagnosis than before, with no warning of it.
@@ -238,19 +238,19 @@ impl Scored {
         }
     }
 
-    /// Something listed is hidden.
+    /// Whether a listed effect is hidden.
     pub fn listed(&self) -> bool {
         matches!(self.answer.kind, Kind::Single | Kind::Pair | Kind::Triple)
     }
 
-    /// The names are right, yet the verdict is that something is left.
+    /// Whether the names are right, with the verdict that they do not explain all of the data.
     pub fn right_with_remainder(&self) -> bool {
         self.listed()
             && self.outcome == Outcome::Right
             && matches!(self.verdict, Some(Verdict::Unexplained | Verdict::Partial))
     }
 
-    /// What was said, in words.
+    /// The result of the diagnosis as text.
     pub fn said(&self) -> String {
         if let Some(fault) = &self.fault {
             return format!("no answer: {fault}");

@@ -1,7 +1,7 @@
-//! Parameters that mean the same in the truth and in the measured tool's own forms.
+//! Forms and parameters that the generator of the truth and the measured tool have in common.
 //!
-//! The generator and the tool were written apart: forms and parameters have other names, and some
-//! another unit. Here is what corresponds to what.
+//! Both were written independently, with different names of forms and parameters, and some
+//! different units. This table relates them.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -20,7 +20,7 @@ pub struct Shared {
     pub truth_form: &'static str,
     /// The form, as the tool calls it.
     pub form: &'static str,
-    /// A rig need not name the form: it is the effect's first.
+    /// Whether it is the effect's first form, which a rig need not name.
     pub first: bool,
     /// The tool's parameters, from the generator's.
     values: Translation,
@@ -48,7 +48,7 @@ const fn not_first(shared: Shared) -> Shared {
     }
 }
 
-/// Everything that is shared.
+/// All shared forms.
 pub static SHARED: [Shared; 18] = [
     first("dead-band", "sharp", "sharp", |of| {
         vec![("pressure_pa", of("threshold_pa"))]
@@ -125,13 +125,13 @@ pub static SHARED: [Shared; 18] = [
 ];
 
 impl Shared {
-    /// What the tool has for this form of the truth, if anything.
+    /// The tool's form that corresponds to this form of the truth, if any.
     pub fn find(effect: &str, truth_form: &str) -> Option<&'static Shared> {
         let is = |shared: &&Shared| shared.effect == effect && shared.truth_form == truth_form;
         SHARED.iter().find(is)
     }
 
-    /// The true values under the tool's names; NaN, which no interval holds, for one not told.
+    /// The true values under the tool's names; NaN, which no interval contains, for a missing one.
     pub fn values(&self, standard: &Parameters) -> Vec<(&'static str, f64)> {
         (self.values)(&|name| standard.get(name).copied().unwrap_or(f64::NAN))
     }
@@ -145,7 +145,7 @@ impl Shared {
 /// The form of each effect in a rig's text, where it names one.
 pub fn forms(rig_toml: &str) -> BTreeMap<String, String> {
     let Ok(rig) = rig_toml.parse::<toml_edit::DocumentMut>() else {
-        // that it cannot be read shows where it is simulated
+        // an unreadable rig is reported when it is simulated
         return BTreeMap::new();
     };
     let effects = rig.get("effect").and_then(|item| item.as_array_of_tables());
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn the_tool_takes_the_names() {
+    fn the_tool_knows_all_shared_names() {
         let reference = include_str!("../../../hil-sim/src/rig/reference_rig.toml");
         for shared in &SHARED {
             let kind = muscle_plant::effects::Catalogue::standard().find(shared.effect);
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn units_and_names_are_translated() {
+    fn units_and_names_are_converted() {
         let standard = [("frequency_hz", 10.0), ("damping", 0.3)].map(|(n, v)| (n.to_owned(), v));
         let ringing = Shared::find("line-dynamics", "ringing").expect("shared");
         let values = ringing.values(&standard.into());
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn forms_of_a_fitted_rig() {
+    fn forms_are_read_from_a_fitted_rig() {
         let text =
             "a = 1\n[[effect]]\nname = \"leak\"\nform = \"orifice\"\n[[effect]]\nname = \"x\"";
         assert_eq!(

@@ -1,4 +1,4 @@
-//! Answers permuted among the cases: what would be reached by chance.
+//! Ablation with the answers permuted among the cases: the figures that chance reaches.
 
 use crate::answer::{Answer, Kind};
 use crate::diagnosis::Diagnosis;
@@ -88,7 +88,7 @@ pub fn shuffled(cases: &[Collected], permutations: usize, seed: u64) -> Vec<Chan
     (0..COUNTED.len()).map(chance).collect()
 }
 
-/// For the eye.
+/// The report.
 pub fn report(chances: &[Chance], permutations: usize, command: &str) -> Report {
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let row = |chance: &Chance| {

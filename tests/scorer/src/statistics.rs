@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wilson_is_that_of_the_textbook() {
+    fn wilson_intervals_equal_published_values() {
         // Agresti & Coull 1998: none of 10 and 15 of 20
         let none = Rate::new(0, 10).ci95.expect("ten");
         assert!(none[0] == 0.0 && (none[1] - 0.2775).abs() < 1e-4);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn a_median_and_its_interval() {
+    fn the_interval_of_a_median_is_from_order_statistics() {
         let median = Median::new((0..101).rev().map(f64::from));
         assert_eq!(median.value, Some(50.0));
         assert_eq!(median.ci95, Some([40.0, 60.0]));

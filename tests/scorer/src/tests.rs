@@ -1,4 +1,4 @@
-//! Made-up answers and diagnoses: every way of being right and wrong.
+//! Tests of the scores of synthetic answers and diagnoses.
 
 use crate::answer::{Answer, Hidden, Kind};
 use crate::child::Ended;
@@ -13,7 +13,7 @@ use crate::statistics::Rate;
 use crate::{shuffled, without};
 use serde_json::{Value, json};
 
-/// An answer that hides `names`, each `over_noise`.
+/// An answer with the hidden effects `names`, each with this ratio of change to noise.
 fn answer(kind: Kind, names: &[&str], over_noise: f64) -> Answer {
     let hidden = |name: &&str| Hidden {
         name: (*name).into(),
@@ -113,7 +113,7 @@ fn judged(kind: Kind, hidden: &[&str], verdict: &str, named: &[&str]) -> Scored 
 }
 
 #[test]
-fn a_single_effect_is_right_by_its_name_alone() {
+fn a_single_effect_is_right_if_only_its_name_is_given() {
     let said = |verdict, named: &[&str]| judged(Kind::Single, &["leak"], verdict, named).outcome;
     assert_eq!(said("explained", &["leak"]), Outcome::Right);
     assert_eq!(
@@ -124,7 +124,7 @@ fn a_single_effect_is_right_by_its_name_alone() {
     assert_eq!(said("explained", &["creep"]), Outcome::Wrong);
     assert_eq!(said("explained", &["creep/slack"]), Outcome::Wrong);
     assert_eq!(said("explained", &["creep/slack,leak"]), Outcome::Ambiguous);
-    // one too many is not ambiguous, whatever else it may be
+    // an additional effect is not ambiguous, whatever its alternatives
     assert_eq!(said("explained", &["creep/leak", "slack"]), Outcome::Wrong);
     assert_eq!(said("consistent", &[]), Outcome::Missed);
     assert_eq!(said("unexplained", &[]), Outcome::Abstained);
@@ -133,7 +133,7 @@ fn a_single_effect_is_right_by_its_name_alone() {
 }
 
 #[test]
-fn of_a_pair_both_names_are_asked() {
+fn a_pair_is_right_if_both_names_are_given() {
     let said = |named: &[&str]| judged(Kind::Pair, &["leak", "creep"], "explained", named).outcome;
     assert_eq!(said(&["creep", "leak"]), Outcome::Right);
     assert_eq!(said(&["creep"]), Outcome::Partial);
@@ -148,7 +148,7 @@ fn of_a_pair_both_names_are_asked() {
 }
 
 #[test]
-fn nothing_hidden_is_consistent_and_an_unlisted_effect_unexplained() {
+fn a_healthy_case_must_be_consistent_and_an_unlisted_effect_unexplained() {
     let none = |verdict, named: &[&str]| judged(Kind::None, &[], verdict, named).outcome;
     assert_eq!(none("consistent", &[]), Outcome::Right);
     assert_eq!(none("explained", &["leak"]), Outcome::FalseAlarm);
@@ -164,7 +164,7 @@ fn nothing_hidden_is_consistent_and_an_unlisted_effect_unexplained() {
 }
 
 #[test]
-fn of_a_triple_all_names_are_asked() {
+fn a_triple_is_right_if_all_names_are_given() {
     let hidden = ["leak", "creep", "slack"];
     let said = |named: &[&str]| judged(Kind::Triple, &hidden, "explained", named).outcome;
     assert_eq!(said(&["slack", "leak", "creep"]), Outcome::Right);
@@ -190,7 +190,7 @@ fn probable(verdict: &str, probability: f64) -> Value {
 }
 
 #[test]
-fn probabilities_are_held_against_what_is_hidden() {
+fn probabilities_are_compared_with_the_hidden_effects() {
     let scored = |kind, hidden: &[&str], probability| {
         let text = probable("partial", probability).to_string();
         let diagnosis = Diagnosis::parse(&text).expect("schema 2");
@@ -201,7 +201,7 @@ fn probabilities_are_held_against_what_is_hidden() {
     assert_eq!(right.named_probabilities, [(0.95, true)]);
     assert_eq!(right.hypothesis_probabilities[0], (0.95, true));
     assert!(!right.hypothesis_probabilities[1].1);
-    // of an unlisted effect the hypothesis of something unknown is the right one
+    // for an unlisted effect the hypothesis of an unknown effect is right
     let unlisted = scored(Kind::Unlisted, &["cogging"], 0.75);
     assert_eq!(unlisted.named_probabilities, [(0.75, false)]);
     assert_eq!(
@@ -225,7 +225,7 @@ fn probabilities_are_held_against_what_is_hidden() {
 }
 
 #[test]
-fn a_signal_that_is_worse_than_before_counts_unless_it_is_warned_of() {
+fn a_signal_that_is_predicted_worse_needs_a_warning() {
     let case = |after: f64, warnings: Value| {
         let mut value = diagnosis_json("explained", &["leak"]);
         value["warnings"] = warnings;
@@ -251,7 +251,7 @@ fn a_signal_that_is_worse_than_before_counts_unless_it_is_warned_of() {
 }
 
 #[test]
-fn cases_that_no_method_can_tell_apart_are_counted_apart() {
+fn cases_with_indistinguishable_effects_are_reported_separately() {
     let mut tied = answer(Kind::Single, &["leak"], 10.0);
     tied.effects[0].indistinguishable_from = vec!["pressure-sensor-gain".into()];
     let diagnosis = diagnosis("explained", &["leak/pressure-sensor-gain"]);
@@ -265,7 +265,7 @@ fn cases_that_no_method_can_tell_apart_are_counted_apart() {
 }
 
 #[test]
-fn what_cannot_be_read_is_wrong_and_says_why() {
+fn an_unreadable_diagnosis_is_wrong_with_its_reason() {
     let broken = |change: fn(&mut Value)| {
         let mut value = diagnosis_json("explained", &["leak"]);
         change(&mut value);
@@ -304,7 +304,7 @@ fn what_cannot_be_read_is_wrong_and_says_why() {
     let case = Scored::new(&case);
     assert_eq!(case.outcome, Outcome::NoAnswer);
     assert_eq!(case.said(), format!("no answer: {fault}"));
-    // it removes nothing of the gap
+    // it does not reduce the gap
     assert_eq!(
         (case.share_validation, case.share_unseen),
         (Some(0.0), Some(0.0))
@@ -312,7 +312,7 @@ fn what_cannot_be_read_is_wrong_and_says_why() {
 }
 
 #[test]
-fn columns_of_the_confusion_matrix() {
+fn a_diagnosis_is_assigned_to_its_column_of_the_confusion_matrix() {
     let of = |verdict, named: &[&str]| column(Some(&diagnosis(verdict, named)));
     assert_eq!(of("consistent", &[]), "none");
     assert_eq!(of("unexplained", &[]), "unexplained");
@@ -326,7 +326,7 @@ fn columns_of_the_confusion_matrix() {
 }
 
 #[test]
-fn a_case_is_judged_whole() {
+fn a_scored_case_has_all_of_its_values() {
     let case = judged(Kind::Single, &["leak"], "unexplained", &["leak/creep"]);
     assert!(case.right_with_remainder());
     assert_eq!(case.said(), "leak, unexplained (or creep)");
@@ -346,7 +346,7 @@ fn a_case_is_judged_whole() {
     let other_form = Scored::new(&other_form);
     assert_eq!(other_form.forms_shared, [false]);
     assert!(other_form.parameters.is_empty());
-    // a parameter of a wrong name means nothing
+    // parameters of a wrong effect are not scored
     assert!(
         judged(Kind::Single, &["leak"], "explained", &["creep"])
             .parameters
@@ -363,7 +363,7 @@ fn a_case_is_judged_whole() {
     assert!(broken.gap_fault.expect("a fault").contains("exit status 2"));
 }
 
-/// A benchmark in which one of everything goes wrong.
+/// A benchmark with one case of each kind of error.
 fn benchmark() -> Vec<Collected> {
     let mut cases = Vec::new();
     let mut add = |kind, hidden: &[&str], over_noise, said: Option<(&str, &[&str])>| {
@@ -423,7 +423,7 @@ fn benchmark() -> Vec<Collected> {
 }
 
 #[test]
-fn figures_count_the_visible_and_show_the_others_apart() {
+fn figures_are_of_visible_cases_and_the_others_are_separate() {
     let score = Score::of(benchmark().iter().map(Scored::new).collect());
     let figures = &score.visible;
     assert_eq!(figures.cases, 10);
@@ -470,7 +470,7 @@ fn figures_count_the_visible_and_show_the_others_apart() {
 }
 
 #[test]
-fn the_reports_have_it_all() {
+fn the_reports_contain_every_table() {
     let score = Score::of(benchmark().iter().map(Scored::new).collect());
     let origin = Origin {
         command: "score run".into(),
@@ -503,7 +503,7 @@ fn the_reports_have_it_all() {
 }
 
 #[test]
-fn shuffled_answers_are_chance() {
+fn shuffled_answers_reach_the_figures_of_chance() {
     // each of ten names five times, all right
     let names = without::listed(truth::Family::Drawn);
     let mut cases = Vec::new();
@@ -528,7 +528,7 @@ fn shuffled_answers_are_chance() {
 }
 
 #[test]
-fn without_its_effect_a_case_is_to_stay_unexplained() {
+fn without_its_effect_in_the_catalogue_a_case_must_be_unexplained() {
     let case = |verdict, named: &[&str]| judged(Kind::Single, &["leak"], verdict, named);
     let with_share = |share, case| Scored {
         share_explained: share,
@@ -542,7 +542,7 @@ fn without_its_effect_a_case_is_to_stay_unexplained() {
         case("unexplained", &[]),
         case("consistent", &[]),
         with_share(Some(0.97), case("explained", &["creep"])),
-        // even the name that was taken out is a name
+        // the name of the removed effect counts as named, too
         with_share(Some(0.999), case("explained", &["leak"])),
         Scored::new(&faint),
     ];

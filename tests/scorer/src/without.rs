@@ -1,4 +1,5 @@
-//! An effect taken out of the tool's catalogue: its cases must not get another's name.
+//! Ablation with an effect removed from the tool's catalogue: its cases must not be explained by
+//! another effect.
 
 use crate::answer::Kind;
 use crate::outcome::Outcome;
@@ -10,22 +11,22 @@ use serde::Serialize;
 use std::path::Path;
 use truth::Family;
 
-/// What was said of one effect's cases by a tool that does not know it.
+/// Outcomes of one effect's cases with a tool that does not know the effect.
 #[derive(Clone, Debug, Serialize)]
 pub struct Without {
     /// The effect.
     pub name: String,
-    /// `unexplained`, and nothing named.
+    /// `unexplained` without a named effect.
     pub abstained: Rate,
     /// `consistent`.
     pub missed: Rate,
     /// No diagnosis.
     pub no_answer: Rate,
-    /// Something named.
+    /// An effect is named.
     pub misnamed: Rate,
-    /// The same, and by the diagnosis nothing is left above the noise to tell it by.
+    /// The same, and according to the diagnosis no misfit above the noise remains.
     pub to_the_noise: Rate,
-    /// What was said, by case.
+    /// The results by case.
     pub said: Vec<(String, String)>,
 }
 
@@ -50,7 +51,7 @@ pub fn listed(family: Family) -> Vec<&'static str> {
 /// Share of what is above the noise with which nothing is left of it, to rounding.
 const ALL: f64 = 0.99;
 
-/// Judges the visible ones of an effect's own cases, run without it.
+/// Scores the visible cases of an effect that were run without it.
 pub fn judge(name: &str, cases: &[Scored]) -> Without {
     let visible = || cases.iter().filter(|case| case.visible);
     let with = |outcome| {
@@ -108,7 +109,7 @@ pub fn total(parts: &[Without]) -> [Rate; 5] {
     })
 }
 
-/// For the eye.
+/// The report.
 pub fn report(parts: &[Without], command: &str) -> Report {
     let shown = |rate: Rate| match rate.of {
         0 => String::new(),

@@ -1,4 +1,4 @@
-//! A case: a nominal rig, records of the true one, and apart from them the answer.
+//! A case: a nominal rig, records of the true rig, and the answer, which is kept separately.
 
 use rand::RngExt;
 use rand::SeedableRng;
@@ -11,23 +11,23 @@ use crate::hidden::{Hidden, Reading};
 use crate::record::{Run, Sensors};
 use crate::rig::Pair;
 
-/// What is hidden in a case.
+/// The kind of a case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// One listed effect.
     Single,
     /// Two listed effects.
     Pair,
-    /// Three listed effects; of the drawn family alone.
+    /// Three listed effects; only in the drawn family.
     Triple,
-    /// Nothing.
+    /// No hidden effect.
     None,
-    /// One effect that no diagnosis has a name for.
+    /// One effect that is in no catalogue of a diagnosis.
     Unlisted,
 }
 
 impl Kind {
-    /// As on the command line and in the answer.
+    /// Its name on the command line and in the answer.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -56,15 +56,15 @@ const ROUND: [Kind; 10] = [
 
 /// One effect of a plan.
 pub struct Planned {
-    /// Which effect.
+    /// The effect.
     pub entry: &'static Entry,
-    /// In which form.
+    /// Its form.
     pub form: &'static Form,
     /// From 0, barely visible, to 1, plain.
     pub size: f64,
 }
 
-/// What a case will hide, known before anything is simulated.
+/// The effects of a case, determined before any simulation.
 pub struct Plan {
     /// Seed of the whole benchmark.
     pub seed: u64,
@@ -76,9 +76,9 @@ pub struct Plan {
     pub effects: Vec<Planned>,
 }
 
-/// A case as its texts.
+/// A case as the texts of its files.
 pub struct Case {
-    /// Name that tells nothing of the answer.
+    /// Name, which does not reveal the answer.
     pub id: String,
     /// Nominal rig with tolerances.
     pub rig_toml: String,
@@ -86,9 +86,9 @@ pub struct Case {
     pub fit: Vec<String>,
     /// Records to validate on, as CSV.
     pub validate: Vec<String>,
-    /// Records to show to nobody before the end, as CSV.
+    /// Unseen records, which a diagnosis does not get, as CSV.
     pub unseen: Vec<String>,
-    /// What is hidden, for the scorer only.
+    /// The answer, for the scorer only.
     pub answer: Value,
 }
 
@@ -142,7 +142,7 @@ fn pair(turn: usize, rng: &mut Pcg64) -> Vec<Planned> {
     }
 }
 
-/// What case `index` hides.
+/// The hidden effects of case `index`.
 #[must_use]
 pub fn plan(seed: u64, index: u64) -> Plan {
     let (lap, place) = ((index / 10) as usize, (index % 10) as usize);
@@ -232,7 +232,8 @@ pub(crate) fn by_signal(values: [f64; 3], with_force: bool) -> Value {
     Value::Object(map)
 }
 
-/// The part of the answer about one effect; `difference` is to the readings had it not been there.
+/// The part of the answer about one effect; `difference` is the change of the readings that it
+/// causes.
 fn effect_answer(
     planned: &Planned,
     drawn: &Drawn,
@@ -266,7 +267,7 @@ fn effect_answer(
     })
 }
 
-/// The rig of a case with what it hides.
+/// The rig of a case with its hidden effects.
 struct Scene {
     pair: Pair,
     variant: Variant,
@@ -295,11 +296,11 @@ impl Scene {
     }
 }
 
-/// One more record of case `index` of `seed`, of somebody else's experiment, as CSV. Where that may
-/// shut a cock between valve and muscle, `valve_open` tells when.
+/// An additional record of case `index` of `seed` with the given test signal, as CSV. If the signal
+/// may shut the shut-off valve between valve and muscle, the record has a column `valve_open`.
 ///
 /// # Panics
-/// If the drive has no sample, or takes the rig out of physics.
+/// If the drive has no sample, or leads to a state that is not physical.
 #[must_use]
 pub fn experiment(seed: u64, index: u64, drive: Drive) -> String {
     let scene = Scene::draw(&plan(seed, index), &mut generator(seed, index, 2));

@@ -1,4 +1,4 @@
-//! Reference pressures: stretches of staircase, triangles, sweeps and holds, strung together.
+//! Reference pressures: sequences of staircases, triangles, sweeps and holds.
 
 use std::f64::consts::TAU;
 
@@ -13,10 +13,10 @@ const GREATEST_PA: f64 = 4.85e5;
 /// A larger step up would throw the weight.
 const LARGEST_RISE_PA: f64 = 1.8e5;
 
-/// What a stretch of a drive does.
+/// The shape of a section of a drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Stretch {
-    /// Steps small and large, now and then down to nothing, with holds.
+    /// Small and large steps with holds, occasionally down to zero.
     Staircase,
     /// Two long holds after a large step.
     LongHold,
@@ -24,9 +24,9 @@ pub(crate) enum Stretch {
     Burst,
     /// Up and down at three rates, with minor loops.
     Triangles,
-    /// Steps about a middle, growing.
+    /// Steps of growing size around a middle pressure.
     AmplitudeSweep,
-    /// Slow and fast sines together.
+    /// Sum of slow and fast sines.
     Multisine,
 }
 
@@ -50,21 +50,22 @@ pub(crate) const UNSEEN: [Recipe; 1] = [&[
     (Triangles, 0.25),
 ]];
 
-/// A reference that holds from each sample until the next.
+/// A reference with a zero-order hold.
 #[derive(Clone, Debug)]
 pub struct Drive {
-    /// From one sample to the next.
+    /// Sampling period.
     pub period_s: f64,
-    /// What is sent to the valve, at least one.
+    /// Reference pressures of the valve, at least one.
     pub reference_pa: Vec<f64>,
-    /// Whether a cock between valve and muscle is shut from a sample on; none if it never is.
+    /// For each sample whether the shut-off valve between valve and muscle is shut; empty if it
+    /// never is.
     pub shut: Vec<bool>,
 }
 
 impl Drive {
     /// The sample that holds at `time_s`; before the first that does.
     fn sample(&self, time_s: f64) -> usize {
-        // a step that is due now is not missed for a rounding error
+        // the small term prevents that rounding delays a step
         let index = ((time_s + 1e-9) / self.period_s).max(0.0) as usize;
         index.min(self.reference_pa.len() - 1)
     }
@@ -74,7 +75,7 @@ impl Drive {
         self.reference_pa[self.sample(time_s)]
     }
 
-    /// Whether the cock is shut at `time_s`.
+    /// Whether the shut-off valve is shut at `time_s`.
     pub(crate) fn is_shut(&self, time_s: f64) -> bool {
         let shut = self.shut.get(self.sample(time_s));
         shut.copied().unwrap_or(false)

@@ -6,7 +6,7 @@ use crate::case::{Case, Kind};
 use crate::drawn;
 use crate::drive::Drive;
 
-/// How the laws of hidden effects are made.
+/// How the laws of hidden effects are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Family {
     /// Every law is drawn at random.
@@ -17,7 +17,7 @@ pub enum Family {
 }
 
 impl Family {
-    /// As on the command line.
+    /// Its name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -26,7 +26,7 @@ impl Family {
         }
     }
 
-    /// Kind of case `index` of `seed`, and the names of what it hides.
+    /// Kind of case `index` of `seed`, and the names of its hidden effects.
     #[must_use]
     pub fn plan(self, seed: u64, index: u64) -> (Kind, Vec<&'static str>) {
         match self {
@@ -43,7 +43,7 @@ impl Family {
         }
     }
 
-    /// Name of case `index` of `seed`, which tells nothing of the answer.
+    /// Name of case `index` of `seed`, which does not reveal the answer.
     #[must_use]
     pub fn id(self, seed: u64, index: u64) -> String {
         let letter = match self {
@@ -62,10 +62,10 @@ impl Family {
         }
     }
 
-    /// One more record of a case, of an experiment that somebody else chose, as CSV.
+    /// An additional record of a case with the given test signal, as CSV.
     ///
     /// # Panics
-    /// If the drive has no sample, or takes the rig out of physics.
+    /// If the drive has no sample, or leads to a state that is not physical.
     #[must_use]
     pub fn experiment(self, seed: u64, index: u64, drive: Drive) -> String {
         match self {
@@ -74,7 +74,7 @@ impl Family {
         }
     }
 
-    /// Names of the effects that a diagnosis can know.
+    /// Names of the effects that a diagnosis may have in its catalogue.
     #[must_use]
     pub fn listed(self) -> Vec<&'static str> {
         match self {

@@ -1,6 +1,6 @@
-//! Where an effect can reach into the rig.
+//! The interface of a hidden effect with the rig.
 
-/// What the rig is doing at one moment; filled in the order of the fields as it is worked out.
+/// State of the rig at one time, computed in the order of the fields.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Moment {
     pub(crate) time_s: f64,
@@ -11,12 +11,12 @@ pub(crate) struct Moment {
     pub(crate) pressure_pa: f64,
     /// ∂F/∂P of Eq 1.
     pub(crate) area_m2: f64,
-    /// Side of the muscle, through which heat passes.
+    /// Lateral surface of the muscle, for the heat transfer.
     pub(crate) surface_m2: f64,
     pub(crate) ambient_k: f64,
     /// Reference that acts on the valve's electronics.
     pub(crate) command_pa: f64,
-    /// Reference after what delays and limits it.
+    /// Reference after delays and limits.
     pub(crate) reference_pa: f64,
     /// Into the muscle.
     pub(crate) flow_kg_per_s: f64,
@@ -24,7 +24,7 @@ pub(crate) struct Moment {
     pub(crate) force_n: f64,
 }
 
-/// What hangs on the muscle.
+/// The load of the muscle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
     pub(crate) mass_kg: f64,
@@ -34,7 +34,7 @@ pub(crate) struct Load {
     pub(crate) static_n: f64,
 }
 
-/// What the sensors show.
+/// The readings of the sensors.
 #[derive(Clone, Copy, Debug)]
 pub struct Reading {
     /// Measured pressure, gauge.
@@ -45,23 +45,23 @@ pub struct Reading {
     pub force_n: f64,
 }
 
-/// A hidden effect: each method is one place in the rig, by default left as it is.
+/// A hidden effect. Each method modifies one quantity of the rig; the default leaves it unchanged.
 ///
-/// `x` are the effect's own states and `dx` their rates; what changes by jumps has no rate and is
-/// set in [`Hidden::commit`].
+/// `x` are the states of the effect and `dx` their rates; states that change in jumps have no rate
+/// and are set in [`Hidden::commit`].
 pub(crate) trait Hidden: Send + Sync {
-    /// How many states the effect has.
+    /// Number of states of the effect.
     fn states(&self) -> usize {
         0
     }
-    /// States of a rig that has rested in this moment for long.
+    /// Sets the states to their steady state at this moment.
     fn settle(&self, _now: &Moment, _x: &mut [f64]) {}
     /// Time of the command that acts at `time_s`.
     fn command_time_s(&self, time_s: f64) -> f64 {
         time_s
     }
-    /// When a change of the command sent at `sent_s` arrives, in parts: times and shares that sum
-    /// to one. As it is sent by default; only runs with adaptive steps ask.
+    /// Arrival of a change of the command sent at `sent_s`: times and shares that sum to one.
+    /// Without delay by default; used only by runs with adaptive steps.
     fn arrivals(&self, sent_s: f64) -> Vec<(f64, f64)> {
         vec![(sent_s, 1.0)]
     }
@@ -71,7 +71,7 @@ pub(crate) trait Hidden: Send + Sync {
     fn reference_pa(&self, reference_pa: f64, _now: &Moment, _x: &[f64], _dx: &mut [f64]) -> f64 {
         reference_pa
     }
-    /// Pressure that the valve works against.
+    /// Pressure at the outlet of the valve.
     fn valve_side_pa(&self, muscle_pa: f64, _x: &[f64]) -> f64 {
         muscle_pa
     }
@@ -95,7 +95,7 @@ pub(crate) trait Hidden: Send + Sync {
     fn commits(&self) -> bool {
         true
     }
-    /// After every step that was taken.
+    /// Called after every accepted step.
     fn commit(&self, _now: &Moment, _x: &mut [f64]) {}
     fn read(&self, _reading: &mut Reading, _now: &Moment, _x: &[f64]) {}
 }

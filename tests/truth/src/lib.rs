@@ -1,14 +1,14 @@
-//! Muscle rigs with hidden effects, to measure how well a diagnosis names them.
+//! Muscle rigs with hidden effects, to measure how well a diagnosis finds them.
 //!
-//! Everything here is its own: the plant's equations, the integrator and the forms of the effects
-//! share nothing with the program that is measured, so that agreement between them is evidence.
-//! A case is reproduced by its family, seed and number alone.
+//! The plant's equations, the integrator and the forms of the effects share no code with the
+//! measured program, so that agreement between them is evidence. A case is reproduced by its
+//! family, seed and number alone.
 //!
 //! - [`drawn`]: the law of every effect is drawn at random, and with it rig, sensors, clock and
-//!   drive. Figures of a diagnosis are measured on these.
+//!   drive. The figures of a diagnosis are measured on these.
 //! - `catalogue-like`: a few forms of each effect on the paper's rig, for tests that need a known
-//!   form. Eighteen of its forms are textbook forms that a diagnosis may have too, so it says
-//!   little of how a diagnosis does on a real rig.
+//!   form. Eighteen of its forms are textbook forms that a diagnosis may have too, so the results
+//!   say little about a diagnosis of a real rig.
 //!
 //! In an answer, `most_over_noise` is the effect's largest difference of a measured signal on
 //! held-out records, root mean square against the same rig without this effect alone under the

@@ -1,4 +1,4 @@
-//! A rig with hidden effects in the loop with somebody else's controller.
+//! A rig with hidden effects in closed loop with an external controller.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -10,25 +10,25 @@ use crate::machine::Machine;
 use crate::record::STEP_S;
 use crate::rig::Rig;
 
-/// A rig, and what it hides.
+/// A rig with a hidden effect.
 #[derive(Clone, Copy)]
 pub struct Hiding<'a> {
     /// The rig without effects.
     pub rig: &'a Rig,
     /// The effect's form and its size from 0, barely visible, to 1, plain; or none.
     pub effect: Option<(&'static Form, f64)>,
-    /// Seed of what the size leaves open.
+    /// Seed of the parameters that the size does not determine.
     pub seed: u64,
 }
 
-/// What there is to see when a controller looks.
+/// The rig at a sampling time of the controller.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// Since the beginning.
+    /// Time since the start.
     pub time_s: f64,
-    /// What the sensors show, without noise.
+    /// Readings of the sensors, without noise.
     pub reading: Reading,
-    /// What is.
+    /// True values.
     pub truth: Reading,
 }
 
@@ -39,15 +39,15 @@ impl Hiding<'_> {
             .map(|(form, size)| (form.draw)(size, self.rig, rng))
     }
 
-    /// The hidden effect's numbers, as in an answer; null without one.
+    /// The parameters of the hidden effect, as in an answer; null without one.
     #[must_use]
     pub fn parameters(&self) -> Value {
         self.drawn()
             .map_or(Value::Null, |drawn| drawn.parameters.clone())
     }
 
-    /// Runs the vented rig from its stop. Every `period_s` `controller` looks and answers with the
-    /// reference that the valve gets `late_s` later; it does so `ticks` times.
+    /// Runs the vented rig from its stop for `ticks` periods. Every `period_s` `controller` returns
+    /// the reference that the valve receives `late_s` later.
     pub fn run(
         &self,
         (period_s, late_s): (f64, f64),

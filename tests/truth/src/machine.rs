@@ -26,10 +26,10 @@ const RATE: usize = 3;
 const OWN: usize = 4;
 type State = [f64; STATES];
 
-/// How closely a change of motion is located.
+/// Tolerance of the time of a change of motion.
 const EVENT_S: f64 = 1e-9;
 
-/// How the weight moves.
+/// Motion of the weight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Motion {
     /// Held by friction or by the stop.
@@ -38,7 +38,7 @@ enum Motion {
     Down,
 }
 
-/// What an evaluation finds besides the rates.
+/// Results of an evaluation in addition to the rates.
 struct Balance {
     now: Moment,
     /// Upward on the load without dry friction.
@@ -91,7 +91,7 @@ impl<'a> Machine<'a> {
         machine
     }
 
-    /// Puts the effects' states where a long rest in the present state would bring them.
+    /// Sets the effects' states to their steady state at the present state.
     pub(crate) fn settle(&mut self) {
         let mut now = self.balance().now;
         now.rate_per_s = 0.0;
@@ -212,7 +212,7 @@ impl<'a> Machine<'a> {
         self.evaluate(self.time_s, &self.x, &mut [0.0; STATES])
     }
 
-    /// The state a classical Runge–Kutta step of fourth order later.
+    /// The state after a classical Runge–Kutta step of fourth order.
     fn runge_kutta(&self, step_s: f64) -> State {
         let len = self.hidden.last().map_or(OWN, |(.., to)| *to);
         let mut sum = [0.0; STATES];
@@ -234,7 +234,7 @@ impl<'a> Machine<'a> {
         x
     }
 
-    /// Which way a resting weight is torn loose.
+    /// Direction in which a resting weight breaks away.
     fn torn(&self, balance: &Balance) -> Option<Motion> {
         if balance.net_n > balance.static_n {
             Some(Motion::Up)
@@ -270,7 +270,7 @@ impl<'a> Machine<'a> {
     pub(crate) fn step(&mut self, step_s: f64, command_pa: f64) {
         self.command_pa = command_pa;
         let mut left_s = step_s;
-        // a weight that chatters for good would never get to the end: then it moves on regardless
+        // limits the number of changes of motion, as a chattering weight would have no end
         for _ in 0..40 {
             if self.motion == Motion::Rest
                 && let Some(motion) = self.torn(&self.balance())
@@ -304,7 +304,7 @@ impl<'a> Machine<'a> {
         self.accept(left_s, x);
     }
 
-    /// What is.
+    /// True values.
     pub(crate) fn truth(&self) -> Reading {
         let now = self.balance().now;
         Reading {
@@ -314,7 +314,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// What the sensors show without noise.
+    /// Readings of the sensors without noise.
     pub(crate) fn reading(&self) -> Reading {
         let now = self.balance().now;
         let mut reading = self.truth();

@@ -1,6 +1,5 @@
-//! Writes cases to a directory: `cases/<id>/` is for the tool that is measured.
-//!
-//! Apart from it, `held-back/<id>/` has the records that the tool must not see and `truth.json`.
+//! Writes cases to a directory: `cases/<id>/` contains the inputs of the measured tool,
+//! `held-back/<id>/` the records that the tool must not see and `truth.json`.
 
 use std::fs;
 use std::io;

@@ -1,4 +1,4 @@
-//! From a drive to a record: the run, the sensors' noise, and the text.
+//! Simulates the record of a drive: the run, the sensors' noise, and the text.
 
 use rand::distr::Distribution;
 use rand_distr::StandardNormal;
@@ -12,7 +12,7 @@ use crate::rig::Rig;
 
 /// Longest step of the integrator; a tenth of the fastest of its time constants.
 pub(crate) const STEP_S: f64 = 1.0e-4;
-/// A rest before each run, in which the filled muscle comes to a standstill.
+/// Rest before each run, in which the filled muscle reaches its steady state.
 const REST_S: f64 = 6.0;
 
 /// One sensor: gaussian noise, then rounding to its steps.
@@ -68,19 +68,20 @@ impl Default for Sensors {
     }
 }
 
-/// A drive, and how much of it goes by before the record begins.
+/// A drive, and the number of its samples before the record begins.
 pub(crate) struct Run {
     pub(crate) drive: Drive,
     pub(crate) unrecorded: usize,
 }
 
-/// The drive's cock, in the place of an effect before all others: nothing comes through the valve.
-struct Cock<'a> {
+/// The shut-off valve, implemented as an effect before all others: while it is shut the flow is
+/// zero.
+struct ShutOffValve<'a> {
     drive: &'a Drive,
     start_s: f64,
 }
 
-impl Hidden for Cock<'_> {
+impl Hidden for ShutOffValve<'_> {
     fn flow_kg_per_s(&self, flow: f64, now: &Moment, _: &[f64], _: &mut [f64]) -> f64 {
         if self.drive.is_shut(now.time_s + self.start_s) {
             0.0
@@ -91,7 +92,7 @@ impl Hidden for Cock<'_> {
 }
 
 impl Run {
-    /// What sensors without noise show at the record's samples.
+    /// Readings of noiseless sensors at the record's samples.
     pub(crate) fn simulate(&self, rig: &Rig, effects: &[&dyn Hidden]) -> Vec<Reading> {
         self.simulate_in_steps(rig, effects, STEP_S)
     }
@@ -109,10 +110,10 @@ impl Run {
         let steps_a_sample = (drive.period_s / step_s).round() as usize;
         let steps = (drive.reference_pa.len() - 1) * steps_a_sample;
         let first_s = -start_s - REST_S;
-        let cock = Cock { drive, start_s };
+        let shut_off_valve = ShutOffValve { drive, start_s };
         let mut parts: Vec<&dyn Hidden> = Vec::new();
         if !drive.shut.is_empty() {
-            parts.push(&cock);
+            parts.push(&shut_off_valve);
         }
         parts.extend(effects);
         let mut machine = Machine::at_rest(rig, &parts, first_s, drive.reference_pa[0]);

@@ -1,4 +1,5 @@
-//! The rig's numbers: the nominal ones a tool is given, and the true ones off them by tolerance.
+//! The parameters of the rig: the nominal values that a tool gets, and the true values, which
+//! differ from them within the tolerances.
 
 use std::fmt::Write as _;
 
@@ -8,7 +9,7 @@ use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
-/// One rig's numbers, named as in `rig.toml`.
+/// Parameters of a rig, named as in `rig.toml`.
 #[derive(Clone, Debug, Serialize)]
 #[allow(missing_docs)] // the names and units are those of rig.toml
 pub struct Rig {

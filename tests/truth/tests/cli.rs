@@ -1,4 +1,4 @@
-//! The program: what it writes and what it refuses.
+//! Tests of the command line.
 
 use std::process::Command;
 
@@ -7,7 +7,7 @@ fn truth() -> Command {
 }
 
 #[test]
-fn writes_cases_and_apart_from_them_answers() {
+fn writes_cases_and_answers_to_separate_folders() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().to_str().expect("a name");
     let arguments = [
@@ -52,7 +52,7 @@ fn writes_cases_and_apart_from_them_answers() {
 }
 
 #[test]
-fn lists_effects_and_refuses_what_is_not_one() {
+fn lists_effects_and_refuses_unknown_ones() {
     let output = truth().arg("list").output().expect("it runs");
     let text = String::from_utf8(output.stdout).expect("text");
     assert!(text.contains("hysteresis") && text.contains("bouc-wen") && text.contains("cogging"));

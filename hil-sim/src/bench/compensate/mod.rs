@@ -1,9 +1,10 @@
-//! From a fitted rig to the controller's compensation, with its proof in the closed loop.
+//! Derives the controller's compensation from a fitted rig and tests it in the closed loop.
 //!
-//! Each part that the controller can compensate is tried on the rig's own plant. It is applied if
-//! the assistance becomes better and the loop keeps its stability margins, also with every
-//! parameter off by [`OFF_BY`]. A share of the estimated size may be applied: too large a
-//! compensation drives the motion, one that is too small leaves a part of the error.
+//! Each effect that the controller can compensate is tried on the simulated plant of the fitted
+//! rig. It is compensated if that reduces the error of the assistance and the loop keeps its
+//! stability margins, also with every parameter off by [`OFF_BY`]. Only a share of the estimated
+//! size may be applied: overcompensation drives the motion, undercompensation leaves a part of the
+//! error.
 
 mod hysteresis_loop;
 mod load_force;
@@ -11,7 +12,7 @@ mod selection;
 mod sizes;
 mod trial;
 
-pub use load_force::{Beyond, Pulled, load_force_n};
+pub use load_force::{AddedLoad, LoadSample, load_force_n};
 pub use trial::{Corners, DELAY_MARGIN_S_MIN, GAIN_MARGIN_MIN, Quality, SPAN_S};
 
 use crate::bench::board_settings;
@@ -27,24 +28,24 @@ use serde::Serialize;
 use sizes::Sizes;
 use trial::Trial;
 
-/// Relative error that every parameter may have.
+/// Relative error of every parameter with which a compensation must still be robust.
 pub const OFF_BY: f64 = 0.3;
 
-/// What was done about an effect of the rig, or about its lag.
+/// Result for one effect of the rig, or for the lag of the loop.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Part {
     /// The effect's name; `lag` is the lag of the whole loop, which every rig has.
     pub name: String,
-    /// It is compensated.
+    /// Whether it is compensated.
     pub compensated: bool,
-    /// The size that is applied, or why it is not compensated.
+    /// The applied size, or the reason why it is not compensated.
     pub words: String,
 }
 
-/// A rig's compensation and its proof.
+/// A rig's compensation and the result of its test.
 #[derive(Clone, Debug)]
 pub struct Compensated {
-    /// What was done about each effect and the lag.
+    /// The result for each effect and for the lag.
     pub parts: Vec<Part>,
     /// With the previous settings.
     pub before: Quality,
@@ -107,7 +108,7 @@ impl Stage {
         matches!(self, Stage::SensorGain | Stage::SensorOffset)
     }
 
-    /// The error that it is to reduce \[Pa\] or \[N\].
+    /// The error that it reduces \[Pa\] or \[N\].
     fn error(self, quality: &Quality) -> f64 {
         match self {
             Stage::SensorGain | Stage::SensorOffset => quality.reading_error_pa_rms,
@@ -129,7 +130,7 @@ pub fn compensate(rig: &Rig, board: &SettingsValues) -> Result<Compensated, BadI
     let trial = Trial {
         rig,
         weight: *design::weight(rig)?,
-        beyond: Beyond::of(rig),
+        added_load: AddedLoad::of(rig),
         plain: board_settings::from_rig_and_board(rig, &bare)?,
     };
     let (before, run_before) = trial.with_margins(trial.plain)?;
@@ -180,7 +181,8 @@ fn names<'a>(effects: impl Iterator<Item = &'a Effect>) -> Vec<&'static str> {
     names
 }
 
-/// The parts for effects that are no candidates: those of the lag, and those without a stage.
+/// The results for effects that are not candidates: those compensated with the lag, and those
+/// that the controller cannot compensate.
 fn without_candidate(rig: &Rig, have_lead: bool) -> Vec<Part> {
     let mut parts: Vec<Part> = rig
         .effects

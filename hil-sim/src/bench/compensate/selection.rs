@@ -1,4 +1,4 @@
-//! Which parts of a compensation are applied, in which order and size.
+//! Selects the parts of a compensation, their order and their sizes.
 
 use super::sizes::Sizes;
 use super::trial::{Quality, Trial};
@@ -6,7 +6,7 @@ use super::{OFF_BY, Part, Stage};
 use rayon::prelude::*;
 
 /// Shares of a size that are tried; the best robust one is applied. With the second, a size that
-/// was estimated too large by [`OFF_BY`] is compensated in full and not beyond.
+/// was estimated too large by [`OFF_BY`] is compensated in full and not overcompensated.
 const SHARES: [f64; 4] = [1.0, 1.0 / (1.0 + OFF_BY), 0.5, 0.3];
 /// With this factor a distance that was estimated too short by [`OFF_BY`] is long enough.
 const LONGER: f64 = 1.0 / (1.0 - OFF_BY);
@@ -126,7 +126,7 @@ impl Selection {
         };
         let tried = shares.iter().filter_map(|share| {
             let sizes = self.sizes.with(&candidate.sizes, *share, distance_factor);
-            let (quality, _) = trial.prove(sizes.settings(&trial.plain).ok()?).ok()?;
+            let (quality, _) = trial.evaluate(sizes.settings(&trial.plain).ok()?).ok()?;
             Some((*share, sizes, quality))
         });
         let mut better: Vec<_> = tried
@@ -170,7 +170,7 @@ impl Selection {
 fn best_lead_s(trial: &Trial, sizes: &Sizes) -> f64 {
     let error_n = |lead_s: f64| {
         let settings = sizes.with_lead(lead_s).settings(&trial.plain).ok()?;
-        let (quality, _) = trial.prove(settings).ok()?;
+        let (quality, _) = trial.evaluate(settings).ok()?;
         Some((quality.tracking.error_n_rms, lead_s))
     };
     let leads_s: Vec<f64> = (0..=LEAD_STEPS)

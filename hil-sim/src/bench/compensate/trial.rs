@@ -1,6 +1,6 @@
-//! A rig's own closed loop, in which compensation is tried: errors and stability margins.
+//! The closed loop of a rig in which compensation is tried: errors and stability margins.
 
-use super::load_force::{Beyond, Pulled, load_force_n};
+use super::load_force::{AddedLoad, LoadSample, load_force_n};
 use super::sizes::Sizes;
 use crate::bench::closed_loop::{self, Run};
 use crate::bench::person::{CHECKED_S, Finger};
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::ops::Range;
 
-/// An error that rises by no more than this factor is the same: another realisation of the noise.
+/// Largest ratio of two errors that differ only by the realisation of the noise.
 const NO_WORSE: f64 = 1.005;
 /// The loop keeps this factor of K_s·K to instability (6 dB), or its margin without compensation.
 pub const GAIN_MARGIN_MIN: f64 = 2.0;
@@ -27,18 +27,19 @@ pub const DELAY_MARGIN_S_MIN: f64 = 0.05;
 const GAIN_STEP: f64 = 1.059_463_094_359_295_3;
 /// First step of that search: a gain of one half.
 const GAIN_STEPS_MIN: i32 = -12;
-/// Largest gain margin that is looked for.
+/// Upper limit of the search for the gain margin.
 const GAIN_MARGIN_MAX: f64 = 4.0;
-/// Largest delay margin that is looked for \[s\].
+/// Upper limit of the search for the delay margin \[s\].
 const DELAY_MARGIN_S_MAX: f64 = 0.1;
-/// A held weight that deviates by more from a linear drift oscillates \[m\]; less cannot be felt.
+/// Largest peak-to-peak deviation of a held weight from a linear drift \[m\]: a larger one counts
+/// as oscillation, a smaller one cannot be felt.
 const SWING_M_MAX: f64 = 3e-4;
-/// Ticks before and after a tick over which the force is averaged to see its ripple.
+/// Ticks before and after a tick over which the force is averaged to measure its ripple.
 const RIPPLE_TICKS: usize = 5;
 
-/// From the beginning of the lift until the finger is down again \[s\].
+/// Evaluated interval: from the beginning of the lift until the finger is down again \[s\].
 pub const SPAN_S: Range<f64> = 1.0..7.5;
-/// While the weight is held at rest \[s\].
+/// Interval in which the weight is held at rest \[s\].
 const HELD_S: Range<f64> = 3.0..5.9;
 
 /// The run in which compensation is tried: the paper's lift, held and lowered.
@@ -60,9 +61,9 @@ pub struct Quality {
     pub ripple_n_rms: f64,
     /// RMS of the pressure reading of the controller less the true pressure \[Pa\].
     pub reading_error_pa_rms: f64,
-    /// Factor of K_s·K up to which the loop is stable, at most the largest that was looked for.
+    /// Gain margin: factor of K_s·K up to which the loop is stable, limited by the search.
     pub gain_margin: f64,
-    /// Added delay \[s\] up to which the loop is stable, at most the largest that was looked for.
+    /// Delay margin: added delay \[s\] up to which the loop is stable, limited by the search.
     pub delay_margin_s: f64,
     /// The controller has stopped assisting.
     pub faulted: bool,
@@ -86,8 +87,8 @@ pub(super) struct Trial<'a> {
     pub rig: &'a Rig,
     /// The nominal load.
     pub weight: Weight,
-    pub beyond: Beyond,
-    /// Settings without compensation; the electronics are always theirs.
+    pub added_load: AddedLoad,
+    /// Settings without compensation; the scales of the electronics are always taken from them.
     pub plain: Settings,
 }
 
@@ -104,23 +105,23 @@ impl Trial<'_> {
         })
     }
 
-    /// Errors of a run of [`experiment`]; margins are left at 0.
+    /// Errors of a run of [`experiment`], with margins of 0.
     fn quality(&self, ticks: &[Tick]) -> Result<Quality, BadInput> {
         let gain = f64::from(self.plain.values().gain);
-        let pulled: Vec<Pulled> = ticks
+        let load_samples: Vec<LoadSample> = ticks
             .iter()
-            .map(|tick| Pulled {
-                asked_n: gain * f64::from(tick.output.finger_force_n),
+            .map(|tick| LoadSample {
+                required_n: gain * f64::from(tick.output.finger_force_n),
                 force_n: tick.force_n,
                 contraction: tick.contraction,
             })
             .collect();
         let length_m = self.rig.nominal.muscle.initial_length_m;
-        let load_n = load_force_n(&self.weight, &self.beyond, length_m, &pulled);
-        let errors = pulled
+        let load_n = load_force_n(&self.weight, &self.added_load, length_m, &load_samples);
+        let errors = load_samples
             .iter()
             .zip(&load_n)
-            .map(|(tick, load_n)| tick.asked_n - load_n);
+            .map(|(tick, load_n)| tick.required_n - load_n);
         let reading_errors = ticks
             .iter()
             .map(|tick| f64::from(tick.output.pressure.0) - tick.pressure.0);
@@ -142,14 +143,14 @@ impl Trial<'_> {
     }
 
     /// Errors with `settings`, and the run.
-    pub fn prove(&self, settings: Settings) -> Result<(Quality, Vec<Tick>), BadInput> {
+    pub fn evaluate(&self, settings: Settings) -> Result<(Quality, Vec<Tick>), BadInput> {
         let ticks = self.run(self.rig, settings, &experiment())?;
         Ok((self.quality(&ticks)?, ticks))
     }
 
     /// Errors and margins with `settings`, and the run.
     pub fn with_margins(&self, settings: Settings) -> Result<(Quality, Vec<Tick>), BadInput> {
-        let (quality, ticks) = self.prove(settings)?;
+        let (quality, ticks) = self.evaluate(settings)?;
         let (gain_margin, delay_margin_s) =
             self.margins(settings, GAIN_MARGIN_MAX, DELAY_MARGIN_S_MAX);
         let quality = Quality {
@@ -228,9 +229,9 @@ impl Trial<'_> {
             let Ok(settings) = corner.settings(&self.plain) else {
                 return false;
             };
-            let proved = self.prove(settings);
+            let evaluated = self.evaluate(settings);
             let (gain_margin, delay_margin_s) = self.margins(settings, gain, delay_s);
-            proved.is_ok_and(|(quality, _)| no_worse(&quality, before))
+            evaluated.is_ok_and(|(quality, _)| no_worse(&quality, before))
                 && gain_margin >= gain
                 && delay_margin_s >= delay_s
         };

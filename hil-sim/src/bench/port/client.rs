@@ -328,7 +328,7 @@ impl<P: Transport> Client<P> {
     }
 
     /// Enters hardware in the loop with a restarted controller, whatever the state before; returns
-    /// the telemetry that proves it.
+    /// the telemetry that confirms it.
     ///
     /// # Errors
     /// The board is armed, or does not answer.

@@ -14,9 +14,11 @@ use crate::record::{
     TEMPERATURE_K,
 };
 use crate::rig::Rig;
+use muscle_plant::effects::{Catalogue, Equation, Requirement};
 use muscle_plant::nominal::Load;
 use serde::Serialize;
 pub(crate) use signal::quantile;
+use std::collections::BTreeMap;
 
 /// The columns that are checked.
 const SIGNALS: [&str; 8] = [
@@ -53,6 +55,8 @@ const STEPS_MIN: f64 = 29.0;
 const HOLD_S: f64 = 10.0;
 /// A vented muscle is below this gauge pressure, at which dead bands begin \[Pa\].
 const VENTED_PA: f64 = 8e3;
+/// Reversals in a closed loop.
+const LOOP_REVERSALS: usize = 2;
 /// Reversals in three cycles, over which run-in decays.
 const CYCLE_REVERSALS: usize = 5;
 
@@ -204,8 +208,9 @@ pub struct Subsystem {
     pub enough: bool,
     /// The signals and conditions that are missing.
     pub missing: Vec<&'static str>,
-    /// Effects that the record cannot show, each with the reason.
-    pub blind_to: Vec<&'static str>,
+    /// Effects that the record hardly shows, or hardly distinguishes from others, with what it
+    /// lacks for them.
+    pub blind_to: Vec<String>,
 }
 
 /// The result of [`check`].
@@ -350,8 +355,9 @@ impl Check {
             .map_or(Ok(()), |error| Err(error.refusal(record)))
     }
 
-    /// Which subsystems of the plant can be diagnosed, of `rig` if one is given.
-    pub fn subsystems(&self, rig: Option<&Rig>) -> Vec<Subsystem> {
+    /// Which subsystems of the plant can be diagnosed, of `rig` if one is given, and which effects
+    /// of `catalogue` the record hardly shows.
+    pub fn subsystems(&self, catalogue: &Catalogue, rig: Option<&Rig>) -> Vec<Subsystem> {
         let weight = rig.is_some_and(|rig| matches!(rig.nominal.load, Load::Weight(_)));
         let unless = |present: bool, missing: &'static str| (!present).then_some(missing);
         let pressure = || {
@@ -377,78 +383,102 @@ impl Check {
             unless(self.moves(CONTRACTION), "a contraction that moves"),
             unless(weight, "a rig with a weight (--rig)"),
         ]);
-        let subsystem = |name, missing: &mut dyn Iterator<Item = _>, blind_to: Vec<_>| {
+        let subsystem = |name, missing: &mut dyn Iterator<Item = _>, equation, others: &[_]| {
             let missing: Vec<&'static str> = missing.flatten().collect();
+            let blind_to = match missing.is_empty() {
+                true => self.blind_to(catalogue, equation, others),
+                false => Vec::new(),
+            };
             Subsystem {
                 name,
                 enough: missing.is_empty() && self.errors.is_empty(),
-                blind_to: blind_to
-                    .into_iter()
-                    .filter(|_| missing.is_empty())
-                    .collect(),
                 missing,
+                blind_to,
             }
         };
+        // What the record lacks for more than an effect.
+        let of_force = [
+            (Requirement::MeasuredForce, "muscle against load"),
+            (Requirement::Motion, "what else depends on the contraction"),
+        ];
         vec![
-            subsystem("valve and gas", &mut gas, self.gas_is_blind_to()),
-            subsystem("muscle force", &mut force, self.force_is_blind_to()),
-            subsystem("load", &mut load, self.load_is_blind_to()),
+            subsystem("valve and gas", &mut gas, Equation::Gas, &[]),
+            subsystem("muscle force", &mut force, Equation::MuscleForce, &of_force),
+            subsystem("load", &mut load, Equation::Load, &[]),
         ]
     }
 
-    fn gas_is_blind_to(&self) -> Vec<&'static str> {
-        let reference = self.signal(PRESSURE_REF_PA);
-        let mut blind = Vec::new();
-        if reference.is_none_or(|signal| signal.steps == 0) {
-            blind.push("lag, delay and flow limit: no step of the reference");
-        } else if self.sampling.period_s > PERIOD_S_MAX * ROUNDING {
-            blind.push("lag and delay below two samples");
+    /// What the record hardly shows of `equation`, effects of the catalogue and `others`: see
+    /// [`Subsystem::blind_to`].
+    fn blind_to(
+        &self,
+        catalogue: &Catalogue,
+        equation: Equation,
+        others: &[(Requirement, &'static str)],
+    ) -> Vec<String> {
+        let kinds = catalogue.kinds();
+        let required = kinds
+            .filter(|kind| kind.equations.contains(&equation))
+            .flat_map(|kind| kind.requires.iter().map(|required| (*required, kind.name)));
+        let mut names: BTreeMap<Requirement, Vec<&str>> = BTreeMap::new();
+        for (requirement, name) in required.chain(others.iter().copied()) {
+            names.entry(requirement).or_default().push(name);
         }
-        let is_held = reference.is_some_and(|signal| signal.longest_hold_s >= HOLD_S);
-        if !self.shutoff_valve_closed && !is_held {
-            blind.push("leak and dead zone of the valve: no hold of the reference for 10 s");
-        }
-        if !self.has(SUPPLY_PA) {
-            blind.push("supply against flow limit: no supply_pa");
-        }
-        blind
+        let blind = names.iter().filter_map(|(requirement, names)| {
+            let lack = self.lack(*requirement)?;
+            Some(format!("{}: {lack}", names.join(", ")))
+        });
+        blind.collect()
     }
 
-    fn force_is_blind_to(&self) -> Vec<&'static str> {
-        let Some(pressure) = self.signal(PRESSURE_PA) else {
-            return Vec::new();
+    /// What the record lacks of `requirement`, if anything.
+    fn lack(&self, requirement: Requirement) -> Option<String> {
+        let Sampling { period_s, .. } = self.sampling;
+        let passes = |name, test: fn(&Signal) -> bool| self.signal(name).is_some_and(test);
+        let is_held = |name| passes(name, |signal| signal.longest_hold_s >= HOLD_S);
+        let (is_met, lack) = match requirement {
+            Requirement::MeasuredForce => (self.has(FORCE_N), format!("no {FORCE_N}")),
+            Requirement::Motion => (self.moves(CONTRACTION), "one contraction only".into()),
+            Requirement::MeasuredSupply => (
+                self.has(SUPPLY_PA),
+                format!("hard to distinguish without {SUPPLY_PA}"),
+            ),
+            Requirement::FastSampling => (
+                period_s <= PERIOD_S_MAX * ROUNDING,
+                format!(
+                    "nothing shorter than two rows, with one every {:.0} ms",
+                    1e3 * period_s
+                ),
+            ),
+            Requirement::ReferenceStep => (
+                passes(PRESSURE_REF_PA, |signal| signal.steps > 0),
+                "no step of the reference".into(),
+            ),
+            Requirement::ReferenceHold => (
+                self.shutoff_valve_closed || is_held(PRESSURE_REF_PA),
+                format!("no hold of the reference for {HOLD_S} s"),
+            ),
+            Requirement::PressureHold => (
+                is_held(PRESSURE_PA),
+                format!("no hold of the pressure for {HOLD_S} s"),
+            ),
+            Requirement::Vented => (
+                passes(PRESSURE_PA, |signal| signal.min <= VENTED_PA),
+                format!(
+                    "hard to distinguish, never vented (below {} kPa)",
+                    1e-3 * VENTED_PA
+                ),
+            ),
+            Requirement::TwoReversals => (
+                passes(CONTRACTION, |signal| signal.reversals >= LOOP_REVERSALS),
+                "the contraction does not reverse twice".into(),
+            ),
+            Requirement::ThreeCycles => (
+                passes(CONTRACTION, |signal| signal.reversals >= CYCLE_REVERSALS),
+                "fewer than three cycles".into(),
+            ),
         };
-        let mut blind = Vec::new();
-        let reversals = pressure
-            .reversals
-            .max(self.signal(CONTRACTION).map_or(0, |c| c.reversals));
-        if reversals < 2 {
-            blind.push("hysteresis: the direction does not change twice");
-        }
-        if reversals < CYCLE_REVERSALS {
-            blind.push("run-in: fewer than three cycles");
-        }
-        if pressure.longest_hold_s < HOLD_S {
-            blind.push("creep: no hold of the pressure for 10 s");
-        }
-        if pressure.min > VENTED_PA {
-            blind.push("dead band and slack against sensor offsets: never vented (below 8 kPa)");
-        }
-        if !self.has(FORCE_N) {
-            blind.push("muscle against load: no force_n");
-        }
-        if !self.moves(CONTRACTION) {
-            blind.push("what depends on the contraction: one contraction only");
-        }
-        blind
-    }
-
-    fn load_is_blind_to(&self) -> Vec<&'static str> {
-        let reversals = self
-            .signal(CONTRACTION)
-            .map_or(0, |signal| signal.reversals);
-        let blind = (reversals < 2).then_some("friction and backlash: no two reversals");
-        blind.into_iter().collect()
+        (!is_met).then_some(lack)
     }
 }
 

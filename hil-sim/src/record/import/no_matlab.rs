@@ -1,4 +1,4 @@
-//! What stands for the MATLAB formats where the feature `matlab` is off.
+//! Refuses MATLAB files if the feature `matlab` is off.
 
 use super::BadInput;
 use super::source::Variable;

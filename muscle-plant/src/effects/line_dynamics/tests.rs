@@ -164,7 +164,7 @@ fn solved(hose_volume_m3: Option<f64>, hose_kg_per_pa_s: f64) -> (Vec<f64>, Vec<
         let mass = (muscle + air_pa) * muscle_m3 / (per_kg * kelvin);
         let temperature = kelvin * (pressure / (muscle + air_pa) - flow / mass);
         let stored = gain * (reference - port) - flow;
-        let at_port = hose_volume_m3.map_or(0.0, |volume| stored * per_kg * 293.0 / volume);
+        let at_port = hose_volume_m3.map_or(0.0, |volume| stored * per_kg * ambient / volume);
         [at_port, pressure, temperature]
     };
     let step_s = 5e-6;

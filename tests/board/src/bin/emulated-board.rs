@@ -71,7 +71,10 @@ fn run(path: &std::ffi::OsStr) -> Result<(), String> {
     let elf = std::fs::read(path).map_err(|error| format!("{path:?}: {error}"))?;
     let mut board = Board::new(&elf).map_err(|error| format!("{path:?}: {error:?}"))?;
     board.set_link_baud(LINK_BAUD);
-    board.set_level(pin('C', 13), Some(true));
+    // The button is not pressed, and the contacts of the emergency stop are closed.
+    for high in [pin('C', 13), pin('B', 10), pin('A', 8)] {
+        board.set_level(high, Some(true));
+    }
     board.set_analog(pin('C', 0), BRIDGE_V);
     board.set_analog(pin('C', 1), PRESSURE_V);
     let mut output = io::BufWriter::new(io::stdout().lock());

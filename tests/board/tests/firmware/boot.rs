@@ -1,16 +1,17 @@
 //! From power-up to the first tick.
 
+use crate::budget::stack;
 use crate::rig::Rig;
 use model_core::link::{FRAME_LEN_MAX, ResetCause, SettingsSource, ToDevice, encode};
 use model_core::supervisor::Mode;
 
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
-fn boots_to_180_mhz_and_reports_its_identity() {
+fn boots_to_144_mhz_and_reports_its_identity() {
     let mut rig = Rig::after_ms(30);
-    assert_eq!(rig.board.core_clock_hz(), 180_000_000);
+    assert_eq!(rig.board.core_clock_hz(), 144_000_000);
     let identity = rig.identity();
-    assert_eq!(identity.cpu_hz, 180_000_000);
+    assert_eq!(identity.cpu_hz, 144_000_000);
     assert_eq!(identity.reset, ResetCause::Power);
     assert_eq!(identity.crash, None);
     assert_eq!(identity.settings, SettingsSource::Reference);
@@ -47,6 +48,16 @@ fn reset_button_and_power_on_are_distinguished() {
     rig.run_ms(50);
     assert_eq!(rig.identity().reset, ResetCause::Power);
     rig.assert_no_errors();
+}
+
+/// Painted words at the bottom of the stack.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn identity_reports_the_free_stack() {
+    let mut rig = Rig::after_ms(500);
+    let reported = usize::from(rig.identity().stack_free_bytes);
+    let (size, used) = stack(&rig);
+    assert_eq!(reported, size - used);
 }
 
 #[test]

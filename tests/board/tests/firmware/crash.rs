@@ -7,6 +7,12 @@ use model_core::io::Request;
 use model_core::link::{Crash, ResetCause, ToDevice};
 use model_core::supervisor::Fault;
 
+/// Control register of TIM2, which starts the conversions, and of TIM3, the link task's timer.
+const TIM2_CR1: u32 = 0x4000_0000;
+const TIM3_CR1: u32 = 0x4000_0400;
+/// Sets interrupts 0 to 31 pending.
+const NVIC_ISPR0: u32 = 0xe000_e200;
+const TIM3_IRQ: u32 = 29;
 /// `b .`
 const ENDLESS_LOOP: [u8; 2] = [0xfe, 0xe7];
 /// `udf #0`
@@ -140,6 +146,52 @@ fn panic_is_reported_with_file_and_line() {
         file_end: *file.as_bytes().last_chunk().expect("long enough"),
     };
     assert_eq!(rig.identity().crash, Some(crash));
+}
+
+/// The link's task goes on, and must not be what keeps the board alive.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn watchdog_resets_the_board_when_ticks_no_longer_start() {
+    let mut rig = Rig::after_ms(1_000);
+    rig.board.write_register(TIM2_CR1, 0);
+    rig.board.run_for(62 * MS);
+    let causes: Vec<_> = rig.board.resets().iter().map(|reset| reset.cause).collect();
+    assert_eq!(causes, [Cause::Watchdog]);
+}
+
+/// A crash of the link's task, at any time before a tick is due.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn no_tick_raises_the_valve_once_a_crash_has_lowered_it() {
+    let mut caught_in_the_crash = 0;
+    for before_tick_ns in (0..60_000).step_by(1_500) {
+        let mut rig = Rig::after_ms(1_000);
+        rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+        rig.run_ms(300);
+        let code = panic_in(&rig).1;
+        let address = rig.code("TIM3");
+        let tick_ns = rig.next_tick_ns();
+        // From here on only this test requests the link's task.
+        rig.board.write_register(TIM3_CR1, 0);
+        rig.board.write_flash(address, &code);
+        rig.board.run_until(tick_ns - before_tick_ns);
+        rig.board.dac_events();
+        rig.board.write_register(NVIC_ISPR0, 1 << TIM3_IRQ);
+        rig.board.run_for(MS);
+        assert_eq!(rig.board.resets().len(), 1);
+        let reset_ns = rig.board.resets()[0].time_ns;
+        caught_in_the_crash += usize::from(reset_ns > tick_ns);
+        let volts: Vec<_> = rig.board.dac_events().iter().map(|e| e.volts).collect();
+        let lowered = volts.iter().position(|volts| *volts == Some(0.0));
+        let after = &volts[lowered.expect("0 V before the reset")..];
+        assert_eq!(
+            after[..2],
+            [Some(0.0), None],
+            "{before_tick_ns} ns: {volts:?}"
+        );
+    }
+    println!("a tick was due within the crash in {caught_in_the_crash} of 40 cases");
+    assert!(caught_in_the_crash > 0);
 }
 
 /// The reset itself would also remove the voltage, but later.

@@ -4,13 +4,13 @@
 //! by stopping the core. If a case lets the program hang, the reset is triggered at the time that
 //! the case states; crash.rs tests the watchdog itself.
 
-use crate::rig::{BRIDGE, MS, PRESSURE, Rig, TICK_NS, volts};
+use crate::rig::{MS, PORT, Rig, STOP, TICK_NS};
 use hil_sim::faults::Case;
 use hil_sim::faults::campaign::run_case;
 use hil_sim::faults::kind::{Inject, KINDS, Memory};
 use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::run::{run, settings, stored};
-use hil_sim::faults::unit::{Told, Unit};
+use hil_sim::faults::unit::{DeviceOutput, Unit};
 use model_core::device::{Device, Pins};
 use model_core::io::Output;
 use model_core::link::Telemetry;
@@ -19,8 +19,9 @@ use std::collections::BTreeMap;
 
 /// Count of cases; the environment variable FAULT_CASES overrides it.
 const CASES: u64 = 60;
-/// Time from a reset to the end of the first scan, rounded up; later scans follow every 10 ms.
-const CONVERTED_NS: u64 = 1_200_000;
+/// Time from a reset to the first tick, rounded up: 1.2 ms of start-up, then sixteen scans. Later
+/// ticks follow every 10 ms.
+const CONVERTED_NS: u64 = 10_700_000;
 /// Time from a tick to the end of its telemetry.
 const TELEMETRY_NS: u64 = 3 * MS;
 /// Addresses of the two flash sectors of the settings.
@@ -73,11 +74,14 @@ impl Unit for OnBoard {
         self.tick_ns += TICK_NS;
     }
 
-    fn tick(&mut self, pins: &Pins, _: u8, late_s: f64, bytes: &[u8]) -> Told {
+    fn tick(&mut self, pins: &Pins, _: u8, late_s: f64, bytes: &[u8]) -> DeviceOutput {
+        self.rig
+            .set_analog_since_tick([pins.bridge.0, pins.pressure.0]);
         let board = &mut self.rig.board;
-        board.set_analog(BRIDGE, volts(pins.bridge.0));
-        board.set_analog(PRESSURE, volts(pins.pressure.0));
         board.set_encoder(i64::from(pins.encoder.0 as i32));
+        for (contact, open) in STOP.into_iter().zip(pins.stop_open) {
+            board.set_level(contact, (!open).then_some(true));
+        }
         board.link_send(bytes);
         let late_ns = (1e9 * late_s) as u64;
         if self.held || late_ns > 0 {
@@ -89,7 +93,7 @@ impl Unit for OnBoard {
         }
         // The telemetry of a very late tick is read with the next one, as the next scan begins.
         let telemetry_ns =
-            (CONVERTED_NS + late_ns + TELEMETRY_NS).min(TICK_NS + CONVERTED_NS - MS / 5);
+            (CONVERTED_NS + late_ns + TELEMETRY_NS).min(TICK_NS + CONVERTED_NS - MS / 2);
         board.run_until(self.tick_ns + telemetry_ns);
         self.tick_ns += TICK_NS;
         self.telemetry = self.rig.telemetry();
@@ -97,9 +101,10 @@ impl Unit for OnBoard {
             self.output = telemetry.output;
         }
         let scale = self.rig.board.dac_volts(1) / 3.3;
-        Told {
+        DeviceOutput {
             valve: DacCount::new((scale * f64::from(COUNT_MAX)).round() as u16),
             output: self.output,
+            port_pulse: self.rig.board.level(PORT) == Some(true),
         }
     }
 
@@ -122,7 +127,7 @@ impl Unit for OnBoard {
 fn verdict(outcome: &Outcome) -> String {
     format!(
         "{:?} {:?} {:?} {:?}",
-        outcome.mode, outcome.reason, outcome.latched_after_s, outcome.outside
+        outcome.mode, outcome.reason, outcome.latched_after_s, outcome.violations
     )
 }
 
@@ -141,19 +146,22 @@ fn faults_end_on_the_board_as_they_do_on_the_pc() {
         // Damaged memory differs between board and PC: only the bounds are checked.
         if matches!(case.kind.inject, Inject::Damage(_)) {
             let weight = on_board
-                .outside
+                .violations
                 .iter()
                 .find(|bound| !bound.starts_with("reason"));
             assert_eq!(weight, None, "case {number}: {on_board:?}");
             continue;
         }
-        assert!(on_board.outside.is_empty(), "case {number}: {on_board:?}");
+        assert!(
+            on_board.violations.is_empty(),
+            "case {number}: {on_board:?}"
+        );
         let on_pc = run_case(&case, None, |_| {}).expect("it runs");
         assert_eq!(
             verdict(&on_board),
             verdict(&on_pc),
             "case {number}: {}",
-            case.words()
+            case.description()
         );
         let speed_differences = [
             on_board.speed_up_m_per_s_max - on_pc.speed_up_m_per_s_max,

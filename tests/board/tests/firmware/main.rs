@@ -6,9 +6,12 @@
 mod assist;
 mod boot;
 mod budget;
+mod clock;
 mod crash;
+mod debugger;
 mod faults;
 mod link;
+mod outputs;
 mod pins;
 mod rig;
 mod settings;

@@ -1,8 +1,9 @@
 //! A board with the firmware, wired as in docs/wiring.md, and the PC at its link.
 
-use emulated_board::{Board, Pin, pin};
+use emulated_board::{Board, ExceptionEvent, Pin, pin};
 use model_core::io::{Request, Sensors};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, Identity, Telemetry, ToDevice, encode};
+use model_core::sampling::{INPUTS, SCANS};
 
 /// Nanoseconds in a millisecond.
 pub const MS: u64 = 1_000_000;
@@ -14,6 +15,12 @@ pub const TICK_EXCEPTION: usize = 16 + 56;
 pub const BRIDGE: Pin = pin('C', 0);
 /// Pin of the pressure sensor.
 pub const PRESSURE: Pin = pin('C', 1);
+/// Pins of the emergency stop's contacts.
+pub const STOP: [Pin; 2] = [pin('B', 10), pin('A', 8)];
+/// Pin of the pulses for the valve in the muscle's port.
+pub const PORT: Pin = pin('B', 5);
+/// Pin of the status lamp.
+pub const LAMP: Pin = pin('A', 5);
 /// Pin of the user button.
 pub const BUTTON: Pin = pin('C', 13);
 const LINK_BAUD: u32 = 921_600;
@@ -41,11 +48,14 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A board at rest: no finger force, no pressure.
+    /// A board at rest: no finger force, no pressure, the emergency stop not pressed.
     pub fn new() -> Rig {
         let mut board = Board::new(&firmware()).expect("an ELF for this board");
         board.set_link_baud(LINK_BAUD);
         board.set_level(BUTTON, Some(true));
+        for contact in STOP {
+            board.set_level(contact, Some(true));
+        }
         let mut rig = Rig {
             board,
             decoder: Decoder::new(),
@@ -63,10 +73,11 @@ impl Rig {
         rig
     }
 
-    /// Sets the sensors to their values at rest with noise of one count, as real sensors have it.
+    /// Sets the sensors to their values at rest with noise of one count, as real sensors have it,
+    /// which a mean over a tick does not remove.
     pub fn dither(&mut self) {
         self.dithers = self.dithers.wrapping_add(1);
-        let noise = self.dithers % 3;
+        let noise = self.dithers / 4 % 3;
         self.board.set_analog(BRIDGE, volts(2047 + noise));
         self.board.set_analog(PRESSURE, volts(409 + noise));
     }
@@ -129,15 +140,44 @@ impl Rig {
         identity.expect("an answer")
     }
 
+    /// Sets the voltages of bridge and pressure sensor since the last tick. The conversions of this
+    /// period that have already been made are replaced, as if the voltages had changed right after
+    /// that tick: the plant answers a tick whose output is read some milliseconds later.
+    pub fn set_analog_since_tick(&mut self, counts: [u16; INPUTS - 1]) {
+        self.board.set_analog(BRIDGE, volts(counts[0]));
+        self.board.set_analog(PRESSURE, volts(counts[1]));
+        let conversions = self.board.symbol_with("CONVERSIONS");
+        let address = conversions.expect("the buffer of the conversions");
+        let bytes = counts.map(u16::to_le_bytes).concat();
+        for scan in 0..SCANS {
+            let offset = scan * INPUTS * size_of::<u16>();
+            self.board.write_ram(address + offset as u32, &bytes);
+        }
+    }
+
     /// Applies sensor readings to the pins, and the request to the link.
     pub fn apply(&mut self, sensors: &Sensors) {
-        self.board.set_analog(BRIDGE, volts(sensors.bridge.0));
-        self.board.set_analog(PRESSURE, volts(sensors.pressure.0));
+        self.set_analog_since_tick([sensors.bridge.0, sensors.pressure.0]);
         self.board.set_encoder(i64::from(sensors.encoder.0 as i32));
         if sensors.request != Request::None {
             let command = model_core::device::Command::Request(sensors.request);
             self.send(&ToDevice::Command(command));
         }
+    }
+
+    /// Time at which the next tick is due: one period after the last one, which it waits for.
+    pub fn next_tick_ns(&mut self) -> u64 {
+        self.board.exceptions();
+        self.board.trace_exceptions(true);
+        let tick = loop {
+            self.board.run_for(MS / 10);
+            let entered = |e: &ExceptionEvent| e.entered && e.exception == TICK_EXCEPTION;
+            if let Some(tick) = self.board.exceptions().into_iter().find(entered) {
+                break tick;
+            }
+        };
+        self.board.trace_exceptions(false);
+        tick.time_ns + TICK_NS
     }
 
     /// Panics if the board has detected an error of the firmware.

@@ -1,6 +1,7 @@
 //! Settings survive resets and power cuts.
 
-use crate::rig::{MS, Rig};
+use crate::rig::{MS, Rig, TICK_EXCEPTION};
+use emulated_board::{Oscillators, ResetCause};
 use model_core::link::{FromDevice, SettingsSource, ToDevice, Written};
 use model_core::settings::SettingsValues;
 
@@ -207,4 +208,104 @@ fn power_cuts_while_a_sector_is_erased_leave_the_old_or_the_new_settings() {
     }
     println!("200 cuts, {busy} in a flash operation");
     assert!(busy > 50);
+}
+
+/// Times from the arrival of settings to the reset, at any phase of the tick.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn no_tick_runs_while_settings_are_stored() {
+    let mut rig = Rig::after_ms(100);
+    for number in 1..=10_u32 {
+        let tick_ns = rig.next_tick_ns();
+        rig.board
+            .run_until(tick_ns + u64::from(number) * MS - MS / 2);
+        rig.board.exceptions();
+        rig.board.trace_exceptions(true);
+        let resets = rig.board.resets().len();
+        rig.send(&ToDevice::WriteSettings(numbered(number)));
+        while !rig.board.is_flash_busy() {
+            rig.board.run_for(MS / 100);
+        }
+        let begun_ns = rig.board.time_ns();
+        while rig.board.resets().len() == resets {
+            rig.board.run_for(MS / 10);
+        }
+        let events = rig.board.exceptions();
+        let tick = events.iter().find(|e| {
+            let stored_ns = begun_ns..rig.board.resets()[resets].time_ns;
+            e.exception == TICK_EXCEPTION && stored_ns.contains(&e.time_ns)
+        });
+        assert_eq!(tick, None, "settings {number}");
+        rig.run_ms(50);
+    }
+    assert_eq!(read(&mut rig), numbered(10));
+    rig.assert_no_errors();
+}
+
+/// The watchdog's oscillator may run at 47 kHz instead of 32.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn erasing_a_sector_does_not_trip_the_fastest_watchdog() {
+    let mut rig = Rig::new();
+    let before = store_before_an_erase(&mut Rig::after_ms(20));
+    rig.board.write_flash(FLASH + SECTORS.start as u32, &before);
+    rig.board.set_oscillators(Oscillators {
+        lsi_hz: 47_000,
+        ..Oscillators::default()
+    });
+    rig.run_ms(100);
+    let (erases, sent_ns) = (rig.board.flash_erase_count(), rig.board.time_ns());
+    rig.send(&ToDevice::WriteSettings(numbered(999)));
+    while rig.board.resets().is_empty() {
+        rig.run_ms(1);
+    }
+    let reset = rig.board.resets()[0];
+    assert_eq!(reset.cause, ResetCause::Software);
+    assert!(
+        reset.time_ns - sent_ns > 1_000 * MS,
+        "an erase takes seconds"
+    );
+    assert_eq!(rig.board.flash_erase_count(), erases + 1);
+    assert_eq!(write_result(&mut rig), Some(Written::Stored));
+    rig.run_ms(50);
+    assert_eq!(read(&mut rig), numbered(999));
+    rig.assert_no_errors();
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn settings_that_the_flash_does_not_take_are_reported_and_the_old_ones_stay() {
+    let mut rig = Rig::after_ms(100);
+    rig.send(&ToDevice::WriteSettings(numbered(1)));
+    rig.run_ms(500);
+    // All but the slots that are written, at the start of each sector.
+    rig.board.wear_flash(SECTORS.start + 600..SECTORS.end);
+    rig.messages();
+    rig.send(&ToDevice::WriteSettings(numbered(2)));
+    rig.run_ms(500);
+    assert_eq!(write_result(&mut rig), Some(Written::FlashFailed));
+    assert_eq!(read(&mut rig), numbered(1));
+}
+
+/// The sector that holds the settings in force must not be the one that is erased.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn power_cut_in_the_middle_of_an_erase_leaves_the_old_settings() {
+    let mut rig = Rig::new();
+    let before = store_before_an_erase(&mut Rig::after_ms(20));
+    rig.board.write_flash(FLASH + SECTORS.start as u32, &before);
+    rig.run_ms(100);
+    let (old, erases) = (read(&mut rig), rig.board.flash_erase_count());
+    assert_ne!(old, SettingsValues::reference());
+    rig.send(&ToDevice::WriteSettings(numbered(999)));
+    while rig.board.flash_erase_count() == erases {
+        rig.board.run_for(MS);
+    }
+    rig.board.run_for(500 * MS);
+    assert!(rig.board.is_flash_busy());
+    rig.board.power_cut();
+    rig.board.run_for(MS);
+    rig.board.power_on();
+    rig.run_ms(50);
+    assert_eq!(read(&mut rig), old);
 }

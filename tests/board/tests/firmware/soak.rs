@@ -44,6 +44,7 @@ fn pins(sensors: &Sensors) -> Pins {
         pressure: sensors.pressure,
         encoder: sensors.encoder,
         button_pressed: false,
+        stop_open: [false; 2],
     }
 }
 

@@ -4,6 +4,14 @@ use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
 use emulated_board::ExceptionEvent;
 use model_core::link::ToDevice;
 
+/// Control register of TIM2, which starts the conversions.
+const TIM2_CR1: u32 = 0x4000_0000;
+/// Control and event generation of TIM3, the link task's timer.
+const TIM3_CR1: u32 = 0x4000_0400;
+const TIM3_EGR: u32 = 0x4000_0414;
+/// Exception number of the link's task.
+const LINK_EXCEPTION: usize = 16 + 29;
+
 /// A recorded tick.
 pub struct TickRecord {
     /// Time of the interrupt entry.
@@ -58,7 +66,7 @@ fn ticks_have_a_period_of_10_ms_and_take_less_than_one_percent() {
     println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
     assert!(jitter_ns < 100, "{jitter_ns} ns");
     assert!(
-        longest < 18_000,
+        longest < 14_400,
         "{longest} instructions are more than 1 % of 10 ms"
     );
     let telemetry = rig.telemetry();
@@ -71,9 +79,15 @@ fn ticks_have_a_period_of_10_ms_and_take_less_than_one_percent() {
 fn telemetry_reports_jitter_and_duration_within_the_same_bounds() {
     let mut rig = Rig::after_ms(500);
     for telemetry in rig.telemetry() {
-        assert!(telemetry.timing.late_cycles < 180, "{:?}", telemetry.timing);
+        assert!(telemetry.timing.late_cycles < 144, "{:?}", telemetry.timing);
+        // The first tick has none before it. The others take a thousand instructions at least.
         assert!(
-            telemetry.timing.busy_cycles < 18_000,
+            telemetry.tick == 1 || telemetry.timing.busy_cycles > 1_000,
+            "{:?}",
+            telemetry.timing
+        );
+        assert!(
+            telemetry.timing.busy_cycles < 14_400,
             "{:?}",
             telemetry.timing
         );
@@ -121,7 +135,9 @@ fn telemetry_of_every_tick_arrives_within_four_milliseconds() {
     rig.run_ms(1_000);
     let ticks = ticks(&rig.board.exceptions());
     let telemetry = rig.messages();
-    assert!(telemetry.len() >= 99, "{}", telemetry.len());
+    // The first tick and its telemetry are over after 5 ms, and the others follow every 10 ms: none
+    // is under way at 15 ms or a second later.
+    assert_eq!((ticks.len(), telemetry.len()), (100, 100));
     for (tick, (time_ns, _)) in ticks.iter().zip(telemetry) {
         let delay_ns = time_ns.saturating_sub(tick.time_ns);
         assert!((1..4 * MS).contains(&delay_ns), "{delay_ns} ns");
@@ -134,4 +150,68 @@ fn next(seed: &mut u64) -> u8 {
     *seed ^= *seed >> 7;
     *seed ^= *seed << 17;
     *seed as u8
+}
+
+/// The core sleeps meanwhile: the clock by which the ticks are judged must not.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn ticks_that_never_started_are_counted() {
+    let mut rig = Rig::after_ms(500);
+    let tick_ns = rig.next_tick_ns();
+    rig.board.run_until(tick_ns + MS);
+    rig.telemetry();
+    rig.board.write_register(TIM2_CR1, 0);
+    rig.board.run_for(30 * MS);
+    rig.board.write_register(TIM2_CR1, 1);
+    rig.run_ms(20);
+    let missed = rig.telemetry().iter().map(|t| t.timing.missed_ticks).max();
+    assert_eq!(missed, Some(3));
+}
+
+/// TIM3 requests the link's task at a fixed phase of the tick, which is chance on a real board.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn link_task_delays_no_tick_whatever_its_phase() {
+    let mut rig = Rig::after_ms(15);
+    let mut overlapped = 0;
+    let mut starts = vec![];
+    for step in 0..60 {
+        let tick_ns = rig.next_tick_ns();
+        // The task waits until it has much to do.
+        rig.board.run_until(tick_ns - MS);
+        let running = rig.board.read_register(TIM3_CR1);
+        rig.board.write_register(TIM3_CR1, 0);
+        rig.send(&ToDevice::ReadSettings);
+        rig.send(&ToDevice::Identify);
+        rig.board.run_until(tick_ns - 2_000 - step * 1_000);
+        rig.board.exceptions();
+        rig.board.trace_exceptions(true);
+        rig.board.write_register(TIM3_EGR, 1);
+        rig.board.write_register(TIM3_CR1, running);
+        rig.board.run_for(MS);
+        let events = rig.board.exceptions();
+        let entered = |exception| {
+            let event = events
+                .iter()
+                .find(|e| e.entered && e.exception == exception);
+            event.map(|e| e.time_ns)
+        };
+        let link_left = events
+            .iter()
+            .find(|e| !e.entered && e.exception == LINK_EXCEPTION)
+            .map(|e| e.time_ns);
+        let tick = entered(TICK_EXCEPTION).expect("a tick");
+        let link = entered(LINK_EXCEPTION).expect("the link's task");
+        overlapped += usize::from(link < tick && Some(tick) < link_left);
+        starts.push(tick % TICK_NS);
+    }
+    let spread_ns = starts
+        .iter()
+        .max()
+        .zip(starts.iter().min())
+        .map(|(a, b)| a - b);
+    println!("{overlapped} ticks within the link's task, spread {spread_ns:?} ns");
+    assert!(overlapped > 0);
+    // A tick waits at most for a critical section of the queues.
+    assert!(spread_ns < Some(1_000), "{spread_ns:?} ns");
 }

@@ -22,9 +22,9 @@ const ROWS: f64 = 30_000.0;
 #[derive(Clone, Debug)]
 pub(crate) struct Bench {
     pub(crate) rig: Rig,
-    /// The weight leaves its stop.
+    /// Pressure at which the weight leaves its stop.
     pub(crate) lift_pa: f64,
-    /// The weight stands at the greatest contraction that drives ask for.
+    /// Pressure at the largest contraction that drives use.
     pub(crate) high_pa: f64,
     /// Contraction at which Eq 1 has no force left at any pressure.
     pub(crate) contraction_most: f64,
@@ -172,7 +172,7 @@ pub(crate) fn sensors(rig: &Rig, rng: &mut Pcg64) -> Sensors {
     }
 }
 
-/// When a case's records have their rows.
+/// Sampling times of a case's records.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Clock {
     pub(crate) rate_hz: f64,

@@ -1,4 +1,4 @@
-//! A drawn case: what it hides, its records and its answer.
+//! A drawn case: its hidden effects, its records and its answer.
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -36,7 +36,7 @@ const EXPERIMENT: u64 = 104;
 /// One for the whole seed, not for a case.
 const SIZES: u64 = 105;
 
-/// What a case will hide, known before anything is simulated.
+/// The effects of a case, determined before any simulation.
 pub struct Plan {
     /// Seed of the whole benchmark.
     pub seed: u64,
@@ -77,7 +77,7 @@ fn together(count: usize, rng: &mut Pcg64) -> Vec<(&'static Entry, f64)> {
     order.into_iter().map(with_size).collect()
 }
 
-/// What case `index` hides.
+/// The hidden effects of case `index`.
 #[must_use]
 pub fn plan(seed: u64, index: u64) -> Plan {
     let (lap, place) = ((index / 10) as usize, (index % 10) as usize);
@@ -100,7 +100,7 @@ pub fn plan(seed: u64, index: u64) -> Plan {
     }
 }
 
-/// The rig of a case with what it hides, and how it is measured.
+/// The rig of a case with its hidden effects and sensors.
 struct Scene {
     pair: Pair,
     bench: Bench,
@@ -177,11 +177,11 @@ impl Scene {
     }
 }
 
-/// One more record of case `index` of `seed`, of an experiment that somebody else chose, as CSV.
-/// Where that may shut a valve between valve and muscle, `valve_open` tells when.
+/// An additional record of case `index` of `seed` with the given test signal, as CSV. If the signal
+/// may shut the shut-off valve between valve and muscle, the record has a column `valve_open`.
 ///
 /// # Panics
-/// If the drive has no sample, or takes the rig out of physics.
+/// If the drive has no sample, or leads to a state that is not physical.
 #[must_use]
 pub fn experiment(seed: u64, index: u64, drive: crate::Drive) -> String {
     let scene = Scene::draw(&plan(seed, index));
@@ -199,7 +199,7 @@ pub fn experiment(seed: u64, index: u64, drive: crate::Drive) -> String {
     run.csv(&readings, &scene.sensors, &zeros, scene.with_force, rng)
 }
 
-/// What the sensors' zeros are off.
+/// Errors of the sensors' zeros.
 struct Zeros {
     /// Readings whose mean a zero is set to.
     samples: f64,
@@ -225,7 +225,8 @@ impl Zeros {
     }
 }
 
-/// The part of the answer about one effect; `difference` is to the readings had it not been there.
+/// The part of the answer about one effect; `difference` is the change of the readings that it
+/// causes.
 fn effect_answer(scene: &Scene, plan: &Plan, i: usize, difference: [f64; 3]) -> Value {
     let (entry, size) = plan.effects[i];
     let law = &scene.laws[i];

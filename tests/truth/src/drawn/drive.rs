@@ -1,4 +1,4 @@
-//! What is done to a drawn rig: reference pressures, written beforehand or by a controller.
+//! Drives of a drawn rig: reference pressures, written in advance or by a controller.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,16 +15,16 @@ use crate::machine::GRAVITY_M_PER_S2;
 /// Largest step up, as a share of the pressures at which the weight hangs free: a larger one
 /// throws the weight.
 const LARGEST_RISE: f64 = 0.4;
-/// Step of the reference that the valve's electronics know.
+/// Resolution of the valve's electronics.
 const COUNT_PA: f64 = 10.0;
-/// A controller in the loop looks at least so often.
+/// Longest sampling period of a controller in the loop.
 const LEAST_LOOP_HZ: f64 = 100.0;
 
-/// What a stretch of a drive does.
+/// The shape of a section of a drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Style {
-    /// Steps small and large, now and then down to nothing, with holds.
+    /// Small and large steps with holds, occasionally down to zero.
     Steps,
     /// Long holds.
     Holds,
@@ -90,7 +90,7 @@ impl Plan {
     }
 }
 
-/// How a run begins.
+/// The beginning of a run.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Start {
     /// The record begins some seconds after the run.
@@ -170,10 +170,10 @@ fn counted(pressure_pa: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub(crate) struct Run {
     pub(crate) times_s: Vec<f64>,
-    /// Rows that go by before the record begins.
+    /// Number of rows before the record begins.
     pub(crate) unrecorded: usize,
     pub(crate) reference_pa: Vec<f64>,
-    /// Whether a valve between valve and muscle is shut from a row on; none if it never is.
+    /// For each row whether the shut-off valve is shut; empty if it never is.
     pub(crate) shut: Vec<bool>,
     /// Writes the reference instead, if there is one.
     pub(crate) finger: Option<Finger>,

@@ -1,7 +1,7 @@
-//! Cases whose every law is drawn: each effect keeps its signature, and the shape of its
-//! dependence, its kernel and its asymmetry come from families that no list of forms can hold.
+//! Cases with randomly drawn laws: each effect keeps its signature, while the shape of its
+//! dependence, its kernel and its asymmetry are drawn from families of functions.
 //!
-//! # What is drawn
+//! # Drawn properties
 //!
 //! - Modulations by pressure, contraction, speed, direction or flow: random smooth functions
 //!   (Fourier sums, Gaussian processes, splines, powers) of a logarithm, whose extremes differ by
@@ -15,14 +15,14 @@
 //!   rows; a quarter to six times the reference sensors' noise; with and without the force.
 //! - Drives: steps, holds, bursts, triangles, sines, random sines, and an assist controller that
 //!   closes the loop.
-//! - What every bench has: a zero of each sensor that is off by what the mean of 4 to 16 readings
-//!   leaves, of pressure and force in each run, of contraction once a case; and in half of the
+//! - Imperfections of every bench: a zero of each sensor with the error of the mean of 4 to 16
+//!   readings, of pressure and force in each run, of contraction once per case; and in half of the
 //!   cases a memory of motion before the record.
 //!
 //! # Two sets
 //!
-//! Seeds below [`REPORTING_SEED`] are the working set, for whoever improves a diagnosis; the others
-//! are the reporting set, run for figures alone.
+//! Seeds below [`REPORTING_SEED`] are the working set, for the development of a diagnosis; the
+//! others are the reporting set, used only for published figures.
 
 pub(crate) mod bench;
 mod case;

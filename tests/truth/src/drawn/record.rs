@@ -1,4 +1,4 @@
-//! From a run to readings without noise, and from these to text.
+//! Simulates a run and writes its record.
 
 use std::collections::VecDeque;
 
@@ -11,13 +11,13 @@ use crate::machine::Machine;
 use crate::record::Sensors;
 use crate::rig::Rig;
 
-/// A rest before each run, in which the filled muscle comes to a standstill.
+/// Rest before each run, in which the filled muscle reaches its steady state.
 const REST_S: f64 = 6.0;
 
-/// The shut-off valve, in the place of an effect before all others.
-struct ShutOff<'a>(&'a Run);
+/// The shut-off valve, implemented as an effect before all others.
+struct ShutOffValve<'a>(&'a Run);
 
-impl Hidden for ShutOff<'_> {
+impl Hidden for ShutOffValve<'_> {
     fn commits(&self) -> bool {
         false
     }
@@ -82,8 +82,8 @@ impl Line<'_> {
 }
 
 impl Run {
-    /// What sensors without noise show at the record's rows. With a finger the reference is
-    /// written on the way; afterwards the run repeats it.
+    /// Readings of noiseless sensors at the record's rows. With a finger the reference is computed
+    /// during the simulation; later simulations repeat it.
     pub(crate) fn simulate(&mut self, rig: &Rig, effects: &[&dyn Hidden]) -> Vec<Reading> {
         let finger = self.finger.take();
         let mut written = self.reference_pa.clone();
@@ -119,7 +119,7 @@ impl Run {
         tolerance: f64,
         mut reference_pa: impl FnMut(usize, &Reading) -> f64,
     ) -> Vec<Reading> {
-        let shut_off = ShutOff(self);
+        let shut_off = ShutOffValve(self);
         let mut parts: Vec<&dyn Hidden> = Vec::new();
         if !self.shut.is_empty() {
             parts.push(&shut_off);
@@ -205,7 +205,7 @@ impl Run {
     }
 }
 
-/// What a sensor's zero is off after it was set to the mean of `samples` readings at rest.
+/// Error of a sensor's zero that was set to the mean of `samples` readings at rest.
 pub(crate) fn zero(noise: f64, samples: f64, rng: &mut Pcg64) -> f64 {
     noise / samples.sqrt() * normal(rng)
 }

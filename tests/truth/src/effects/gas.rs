@@ -31,7 +31,7 @@ impl Hidden for OrificeLeak {
     fn leak_kg_per_s(&self, now: &Moment) -> f64 {
         let absolute_pa = now.pressure_pa + self.atmospheric_pa;
         let open = choke(absolute_pa, self.atmospheric_pa, self.critical_ratio);
-        // nothing is drawn in: the hole's lips close
+        // no inflow: the edges of the hole close
         if now.pressure_pa > 0.0 {
             self.sonic_kg_per_pa_s * absolute_pa * open
         } else {
@@ -55,7 +55,7 @@ impl Hidden for CrackLeak {
     }
 }
 
-/// Told against the valve's gain, which decides how far the pressure falls short.
+/// Relative to the valve's gain, which determines the pressure drop that the leak causes.
 fn conductance(size: f64, rig: &Rig) -> f64 {
     rig.flow_gain_kg_per_pa_s * scale(size, 2.0e-3, 8.0e-2)
 }

@@ -26,7 +26,7 @@ impl Hidden for Delay {
     }
 }
 
-/// Arrives late and smeared, as through a long line.
+/// A delay with dispersion, as of a long line.
 #[derive(Serialize)]
 struct DispersedDelay {
     delay_s: f64,
@@ -53,7 +53,7 @@ impl Hidden for DispersedDelay {
     }
 }
 
-/// A bus that fetches the command now and then, and takes its time.
+/// A bus that polls the command periodically and transmits it with a delay.
 #[derive(Serialize)]
 struct PolledDelay {
     delay_s: f64,
@@ -86,7 +86,8 @@ pub(super) const DELAY: &[Form] = &[
     }),
 ];
 
-/// Air column between muscle and sensor: the reading rings, the muscle does not.
+/// Air column between muscle and sensor: the reading oscillates, the pressure in the muscle does
+/// not.
 #[derive(Serialize)]
 struct Ringing {
     frequency_hz: f64,
@@ -121,7 +122,8 @@ const PORT_M3: f64 = 8.0e-6;
 /// Between isothermal and adiabatic.
 const POLYTROPIC: f64 = 1.2;
 
-/// Hose that resists between port and muscle: the muscle lags what valve and sensor see.
+/// Flow resistance of the hose between port and muscle: the pressure in the muscle lags that at the
+/// valve and sensor.
 #[derive(Serialize)]
 struct HoseResistance {
     conductance_kg_per_pa_s: f64,

@@ -1,4 +1,4 @@
-//! What hangs on the muscle: friction, payload, backlash.
+//! Effects of the load: friction, payload, backlash.
 
 use serde::Serialize;
 
@@ -37,7 +37,7 @@ impl Hidden for Stribeck {
     }
 }
 
-/// Bristles instead of the nominal dry friction: they give before they slip.
+/// Bristles instead of the nominal dry friction, with presliding.
 #[derive(Serialize)]
 struct LuGre {
     coulomb_n: f64,
@@ -96,7 +96,7 @@ pub(super) const FRICTION: &[Form] = &[
 /// More or less weight.
 #[derive(Serialize)]
 struct Payload {
-    /// Beyond the nominal mass.
+    /// Mass in addition to the nominal mass.
     mass_kg: f64,
 }
 
@@ -121,7 +121,7 @@ impl StrappedPayload {
     }
 }
 
-/// States: how far the strap is stretched, and how fast the weight rises.
+/// States: extension of the strap, and speed of the weight.
 impl Hidden for StrappedPayload {
     fn states(&self) -> usize {
         2

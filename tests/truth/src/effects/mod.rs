@@ -18,7 +18,7 @@ use serde_json::Value;
 use crate::hidden::Hidden;
 use crate::rig::Rig;
 
-/// An effect with its numbers.
+/// An effect with its parameters.
 pub(crate) struct Drawn {
     pub(crate) hidden: Box<dyn Hidden>,
     pub(crate) parameters: Value,
@@ -38,9 +38,9 @@ impl Drawn {
 pub struct Form {
     /// Name within its effect.
     pub name: &'static str,
-    /// Parameters that mean the same in the effect's simplest textbook form, if this is that form.
+    /// Parameters of the effect's simplest textbook form, if this is that form.
     pub standard: &'static [&'static str],
-    /// From a size between 0 (barely visible) and 1 (plain).
+    /// Draws the effect for a size from 0 (barely visible) to 1 (obvious).
     pub(crate) draw: fn(f64, &Rig, &mut Pcg64) -> Drawn,
 }
 
@@ -70,7 +70,7 @@ impl Form {
 pub struct Entry {
     /// Name, as in a diagnosis where the effect is listed.
     pub name: &'static str,
-    /// Where it is in the rig.
+    /// Its subsystem.
     pub place: &'static str,
     /// Whether a diagnosis can name it.
     pub listed: bool,
@@ -160,7 +160,7 @@ fn between(rng: &mut Pcg64, low: f64, high: f64) -> f64 {
     rng.random_range(low..high)
 }
 
-/// `value` above zero, bent over `width` around it.
+/// The positive part of `value`, smoothed over `width` around zero.
 fn soft_positive(value: f64, width: f64) -> f64 {
     if value > 30.0 * width {
         value

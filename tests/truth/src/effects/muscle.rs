@@ -50,7 +50,7 @@ pub(super) const DEAD_BAND: &[Form] = &[
     }),
 ];
 
-/// Contraction at which the sizes of bladder forces are told.
+/// Contraction at which the sizes of bladder forces are stated.
 const TOLD_AT: f64 = 0.25;
 
 /// Force that the bladder takes; zero at rest length.
@@ -99,7 +99,7 @@ pub(super) const BLADDER_ELASTICITY: &[Form] = &[
     }),
 ];
 
-/// No push at all.
+/// The force is never negative.
 #[derive(Serialize)]
 struct SharpSlack {
     least_n: f64,
@@ -123,7 +123,7 @@ impl Hidden for RoundedSlack {
     }
 }
 
-/// Buckles: a share of the push is left.
+/// Buckling: a share of the negative force remains.
 #[derive(Serialize)]
 struct BuckledSlack {
     push_share: f64,

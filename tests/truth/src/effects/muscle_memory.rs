@@ -1,11 +1,11 @@
-//! Muscle force that depends on what went before: hysteresis, creep, run-in.
+//! Muscle force with memory: hysteresis, creep, run-in.
 
 use serde::Serialize;
 
 use super::{Drawn, Form, between, dragged, scale, sign};
 use crate::hidden::{Hidden, Moment};
 
-/// Pressure at which the sizes of hysteresis are told.
+/// Pressure at which the sizes of hysteresis are stated.
 const TOLD_AT_PA: f64 = 3.0e5;
 
 /// A sum of stops in contraction, in proportion to pressure.
@@ -59,7 +59,8 @@ impl Hidden for BoucWen {
     }
 }
 
-/// Duhem with its own reach and height each way: wider paying out than drawing in.
+/// Duhem with a different reach and height in each direction: wider while extending than while
+/// contracting.
 #[derive(Serialize)]
 struct Duhem {
     half_width_n: f64,
@@ -115,7 +116,7 @@ pub(super) const HYSTERESIS: &[Form] = &[
     }),
 ];
 
-/// Branches that resist a change of contraction and let go.
+/// Relaxing branches that resist a change of contraction.
 #[derive(Serialize)]
 struct StrainCreep {
     branch_n: Vec<f64>,

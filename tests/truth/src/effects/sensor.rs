@@ -1,4 +1,4 @@
-//! What the sensors make of it.
+//! Errors of the sensors.
 
 use serde::Serialize;
 
@@ -27,7 +27,7 @@ pub(super) const PRESSURE_OFFSET: &[Form] = &[Form::standard(
     },
 )];
 
-/// Reading as a multiple, and bent.
+/// A gain error, and a nonlinearity.
 #[derive(Serialize)]
 struct PressureGain {
     gain: f64,
@@ -71,7 +71,7 @@ impl Hidden for SteadyDrift {
     }
 }
 
-/// Drift that dies out as the sensor warms up.
+/// Drift that decays while the sensor warms up.
 #[derive(Serialize)]
 struct WarmUpDrift {
     final_pa: f64,
@@ -121,7 +121,7 @@ pub(super) const PRESSURE_DRIFT: &[Form] = &[
     }),
 ];
 
-/// Homed in the wrong place.
+/// A wrong home position.
 #[derive(Serialize)]
 struct ContractionOffset {
     offset: f64,

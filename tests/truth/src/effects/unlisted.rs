@@ -1,4 +1,4 @@
-//! Effects that a diagnosis has no name for.
+//! Effects that are in no catalogue of a diagnosis.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ fn in_pulse(time_s: f64, period_s: f64, width_s: f64) -> bool {
     time_s.rem_euclid(period_s) < width_s
 }
 
-/// Force that repeats along the way, as of a rack or a chain.
+/// A force that is periodic in the position, as of a rack or a chain.
 #[derive(Serialize)]
 struct Cogging {
     amplitude_n: f64,
@@ -33,7 +33,7 @@ pub(super) const COGGING: &[Form] = &[Form::new("sine", |size, _, rng| {
     })
 })];
 
-/// Part of the weight swings.
+/// A part of the weight is a pendulum.
 #[derive(Serialize)]
 struct SwingingPayload {
     swinging_kg: f64,
@@ -70,7 +70,7 @@ pub(super) const SWINGING_PAYLOAD: &[Form] = &[Form::new("pendulum", |size, rig,
     })
 })];
 
-/// Somebody knocks.
+/// Impulses on the load, as of knocks.
 #[derive(Serialize)]
 struct ForcePulses {
     pulse_n: f64,
@@ -94,7 +94,7 @@ pub(super) const FORCE_PULSES: &[Form] = &[Form::new("periodic", |size, _, rng| 
     })
 })];
 
-/// The floor shakes.
+/// Vibration of the floor.
 #[derive(Serialize)]
 struct FloorVibration {
     acceleration_m_per_s2: f64,
@@ -117,7 +117,7 @@ pub(super) const FLOOR_VIBRATION: &[Form] = &[Form::new("sine", |size, rig, rng|
     })
 })];
 
-/// A dirty stretch of the guide.
+/// Higher friction of the guide near one contraction, as of dirt.
 #[derive(Serialize)]
 struct PositionFriction {
     coulomb_n: f64,
@@ -142,7 +142,7 @@ pub(super) const POSITION_FRICTION: &[Form] = &[Form::new("dirty-stretch", |size
     })
 })];
 
-/// The reference is disturbed now and then.
+/// Occasional disturbances of the reference.
 #[derive(Serialize)]
 struct PressurePulses {
     pulse_pa: f64,
@@ -169,7 +169,7 @@ pub(super) const PRESSURE_PULSES: &[Form] = &[Form::new("periodic", |size, _, rn
     })
 })];
 
-/// The valve moves in coarse steps, and only when it is pulled hard enough.
+/// A valve with coarse steps and stiction.
 #[derive(Serialize)]
 struct StickingValve {
     step_pa: f64,
@@ -210,7 +210,7 @@ pub(super) const STICKING_VALVE: &[Form] = &[Form::new("quantised", |size, _, rn
     })
 })];
 
-/// The valve shuts for a moment, again and again.
+/// The valve shuts repeatedly for a short time.
 #[derive(Serialize)]
 struct ValveDropout {
     period_s: f64,
@@ -234,7 +234,7 @@ pub(super) const VALVE_DROPOUT: &[Form] = &[Form::new("periodic", |size, _, rng|
     })
 })];
 
-/// The room warms and cools, and the rubber with it.
+/// Variation of the ambient temperature, which also changes the rubber.
 #[derive(Serialize)]
 struct AmbientDrift {
     swing_k: f64,
@@ -265,7 +265,7 @@ pub(super) const AMBIENT_DRIFT: &[Form] = &[Form::new("sine", |size, _, rng| {
     })
 })];
 
-/// A jammed encoder line: counts are lost along a stretch, one way.
+/// A damaged encoder line: counts are lost in one range and direction.
 #[derive(Serialize)]
 struct LostCounts {
     lost_share: f64,
@@ -297,7 +297,7 @@ pub(super) const LOST_COUNTS: &[Form] = &[Form::new("one-way", |size, _, rng| {
     })
 })];
 
-/// An encoder wheel off its centre.
+/// An eccentric encoder wheel.
 #[derive(Serialize)]
 struct EncoderEccentricity {
     amplitude: f64,

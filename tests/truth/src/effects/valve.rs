@@ -8,7 +8,7 @@ use super::{Drawn, Form, between, choke, scale};
 use crate::hidden::{Hidden, Moment};
 use crate::rig::Rig;
 
-/// First-order lags of the reference, one after the other.
+/// First-order lags of the reference in series.
 #[derive(Serialize)]
 struct Lags {
     time_constant_s: f64,
@@ -90,7 +90,7 @@ pub(super) const LAG: &[Form] = &[
     ),
 ];
 
-/// Overlap of the spool: errors that open nothing.
+/// Overlap of the spool: small errors do not open the valve.
 #[derive(Serialize)]
 struct DeadZone {
     /// Half of the zone, for filling and for venting.
@@ -151,7 +151,7 @@ pub(super) const DEAD_ZONE: &[Form] = &[
     }),
 ];
 
-/// No more than an orifice of ISO 6358 passes, each way with its own.
+/// Flow limited by an orifice of ISO 6358, different in each direction.
 #[derive(Serialize)]
 struct FlowLimit {
     fill_kg_per_pa_s: f64,

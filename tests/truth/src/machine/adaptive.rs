@@ -1,13 +1,13 @@
-//! Steps as long as the error allows: a Runge–Kutta pair of third and second order
+//! Adaptive step size: a Runge–Kutta pair of third and second order
 //! (Shu and Osher 1988, with the trapezoidal rule embedded).
 
 use super::{CONTRACTION, ENERGY, EVENT_S, MASS, Machine, Motion, OWN, RATE, STATES, State};
 
 /// Longest step.
 const LONGEST_S: f64 = 1.0e-2;
-/// A step that is no longer than this is taken whatever its error: the flow's law has corners.
+/// Shortest step, which is accepted with any error, as the law of the flow is not smooth.
 const SHORTEST_S: f64 = 1.0e-5;
-/// How closely a change of motion is located.
+/// Tolerance of the time of a change of motion.
 const LOCATED_S: f64 = 1.0e-7;
 /// Error a step, of mass and energy relative, of contraction, and of its rate \[1/s\].
 const GAS_ERROR: f64 = 2.0e-6;
@@ -76,7 +76,7 @@ impl Machine<'_> {
         (x, if worst.is_nan() { f64::INFINITY } else { worst })
     }
 
-    /// Takes over a state, and gives the effects the occasion to change theirs.
+    /// Accepts a state, and lets the effects change theirs.
     fn take(&mut self, step_s: f64, x: State) {
         self.x = x;
         self.time_s += step_s;
@@ -108,7 +108,7 @@ impl Machine<'_> {
     /// Runs until `until_s` under a constant command.
     pub(crate) fn advance(&mut self, until_s: f64, command_pa: f64) {
         self.command_pa = command_pa;
-        // a weight that chatters for good would never get to the end: then it moves on regardless
+        // limits the number of changes of motion, as a chattering weight would have no end
         let mut turns = 0;
         while self.time_s < until_s - EVENT_S {
             let mut first = [0.0; STATES];

@@ -1,4 +1,4 @@
-//! Cases: what they hide, that they repeat, and their noise.
+//! Tests of cases: hidden effects, reproducibility and noise.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ fn first(kind: Kind) -> u64 {
 }
 
 #[test]
-fn rounds_reach_every_form_at_every_size() {
+fn every_form_is_drawn_at_every_size() {
     let mut forms = BTreeSet::new();
     let mut sizes = Vec::new();
     for index in 0..2_000 {
@@ -39,7 +39,7 @@ fn rounds_reach_every_form_at_every_size() {
 }
 
 #[test]
-fn pairs_are_two_listed_names_half_of_them_in_one_place() {
+fn pairs_are_two_listed_effects_half_of_them_in_one_subsystem() {
     let (mut same, mut pairs) = (0, 0);
     for index in 0..500 {
         let plan = plan(3, index);
@@ -57,7 +57,7 @@ fn pairs_are_two_listed_names_half_of_them_in_one_place() {
 }
 
 #[test]
-fn a_case_repeats_and_its_parts_agree() {
+fn a_case_is_reproducible_and_its_files_agree() {
     let index = first(Kind::Pair);
     let (one, other) = (case(1, index), case(1, index));
     assert_eq!(one.answer, other.answer);
@@ -103,9 +103,9 @@ fn a_case_repeats_and_its_parts_agree() {
     );
 }
 
-/// An experiment is made on the rig of the case, and what its cock shuts in stays.
+/// A test signal is simulated on the rig of the case, and the shut-off valve keeps the pressure.
 #[test]
-fn an_experiment_is_the_cases_own() {
+fn a_test_signal_is_recorded_on_the_rig_of_its_case() {
     for index in 0..8 {
         let drive = Drive {
             period_s: 0.01,
@@ -113,9 +113,9 @@ fn an_experiment_is_the_cases_own() {
             shut: (0..200).map(|row| row >= 100).collect(),
         };
         let text = experiment(1, index, drive);
-        let told = case(1, index);
+        let case = case(1, index);
         let header = text.lines().next().expect("a header");
-        let other = told.fit[0].lines().next().expect("a header");
+        let other = case.fit[0].lines().next().expect("a header");
         assert_eq!(header, format!("{other},valve_open"));
         assert_eq!(text.matches(",1\n").count(), 100);
     }
@@ -129,7 +129,7 @@ fn an_experiment_is_the_cases_own() {
 }
 
 #[test]
-fn nothing_hidden_is_an_empty_answer() {
+fn a_case_without_hidden_effects_has_an_empty_answer() {
     let none = case(1, first(Kind::None));
     assert!(
         none.answer["effects"]
@@ -141,7 +141,7 @@ fn nothing_hidden_is_an_empty_answer() {
 }
 
 #[test]
-fn noise_is_what_is_stated() {
+fn noise_is_that_of_the_answer() {
     let rig = Rig::default();
     let run = pieces(&[(30.0, 2.0e5, 4.0e5)]);
     let readings = bare(&run, &rig);
@@ -180,7 +180,7 @@ fn seen(one: &[Reading], other: &[Reading]) -> bool {
 }
 
 #[test]
-fn what_no_diagnosis_names_is_plain_too() {
+fn unlisted_effects_are_visible() {
     let rig = Rig::default();
     let run = pieces(&[
         (1.0, 2.0e5, 3.5e5),

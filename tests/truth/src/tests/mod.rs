@@ -1,9 +1,9 @@
-//! Tests of the generator: physics, the mark of each effect, and the cases.
+//! Tests of the generator: physics, the signature of each effect, and the cases.
 
 mod cases;
-mod gas_marks;
-mod load_marks;
-mod muscle_marks;
+mod gas_signatures;
+mod load_signatures;
+mod muscle_signatures;
 mod physics;
 
 use rand::SeedableRng;
@@ -17,7 +17,7 @@ use crate::rig::Rig;
 
 const PERIOD_S: f64 = 0.01;
 
-/// A drive of straight pieces: how long, from where, to where.
+/// A piecewise linear drive: duration, start and end of each piece.
 fn pieces(pieces: &[(f64, f64, f64)]) -> Run {
     let mut reference_pa = Vec::new();
     for (duration_s, from_pa, to_pa) in pieces {
@@ -78,7 +78,7 @@ fn at(readings: &[Reading], time_s: f64) -> Reading {
     readings[(time_s / PERIOD_S).round() as usize]
 }
 
-/// No dry friction: the weight comes to rest where the forces balance.
+/// A rig without dry friction: the weight comes to rest at the balance of forces.
 fn frictionless() -> Rig {
     Rig {
         coulomb_friction_n: 0.0,
@@ -101,7 +101,7 @@ fn force_residual_n(rig: &Rig, reading: &Reading) -> f64 {
     reading.force_n - area_m2 * reading.pressure_pa - rig.gamma_n
 }
 
-/// Residuals where contraction passes `contraction`, by direction: drawing in, paying out.
+/// Residuals at the crossings of `contraction`, by direction: contracting, extending.
 fn residuals_at(rig: &Rig, readings: &[Reading], contraction: f64) -> (Vec<f64>, Vec<f64>) {
     let (mut inward, mut outward) = (Vec::new(), Vec::new());
     for two in readings.windows(2) {

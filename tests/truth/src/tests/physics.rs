@@ -88,7 +88,7 @@ fn filling_a_fixed_volume_adds_the_enthalpy_of_what_flows_in() {
 }
 
 #[test]
-fn the_paper_s_equilibrium_comes_out() {
+fn the_papers_equilibrium_is_reproduced() {
     // at 400 kPa the reference rig stands at 0.246
     let readings = super::bare(&holds(&[(3.0, 4.0e5)]), &frictionless());
     let last = readings.last().expect("samples");
@@ -98,7 +98,7 @@ fn the_paper_s_equilibrium_comes_out() {
 }
 
 #[test]
-fn stiction_holds_and_the_stop_bears() {
+fn static_friction_and_the_stop_hold_the_weight() {
     let rig = Rig::default();
     // 5 N of static friction are not overcome by 3 kPa at 0.25 (∂F/∂P is 0.73e-3 m²)
     let readings = super::bare(&holds(&[(1.0, 4.0e5), (1.0, 4.03e5), (1.0, 0.0)]), &rig);
@@ -166,9 +166,9 @@ fn halving_the_step_changes_less_than_the_noise_whatever_the_effect() {
     }
 }
 
-/// A controller that only plays a drive is shown what the drive's record tells.
+/// A controller that plays a drive gets the readings of the drive's record.
 #[test]
-fn rig_in_the_loop_is_the_rig_of_the_records() {
+fn closed_loop_and_record_use_the_same_rig() {
     let rig = Rig::default();
     let effect = ("transport-delay", "pure");
     let form = forms(effect.0).iter().find(|form| form.name == effect.1);

@@ -1,4 +1,4 @@
-//! The line: delay of the command, and what hose and sensor port do.
+//! The line: delay of the command, and dynamics of hose and sensor port.
 
 use std::f64::consts::TAU;
 

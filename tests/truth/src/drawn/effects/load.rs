@@ -1,4 +1,4 @@
-//! What hangs on the muscle: friction, payload, backlash.
+//! Effects of the load: friction, payload, backlash.
 
 use std::f64::consts::TAU;
 
@@ -21,7 +21,7 @@ struct Friction {
     /// At rest over that at low speed.
     breakaway: f64,
     with_velocity: Modulation,
-    /// Elements that give before they slip, instead of a force that jumps: reaches and shares.
+    /// Presliding elements instead of a force that jumps: reaches and shares.
     bristles: Vec<(f64, f64)>,
     length_m: f64,
 }
@@ -124,7 +124,7 @@ impl Payload {
     }
 }
 
-/// States: how far the strap is stretched, and how fast its weight rises.
+/// States: extension of the strap, and speed of its weight.
 impl Hidden for Payload {
     fn commits(&self) -> bool {
         false

@@ -1,4 +1,4 @@
-//! Muscle force that depends on what went before: hysteresis, creep, run-in.
+//! Muscle force with memory: hysteresis, creep, run-in.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;

@@ -17,12 +17,12 @@ use serde_json::Value;
 use super::bench::Bench;
 use crate::hidden::Hidden;
 
-/// An effect with a law of its own.
+/// An effect with its law.
 pub(crate) struct Law {
     pub(crate) hidden: Box<dyn Hidden>,
     /// Family of the law, in a word or two.
     pub(crate) form: String,
-    /// The law in words.
+    /// Description of the law.
     pub(crate) words: String,
     /// The law in numbers; a shape as nine values at equal distances.
     pub(crate) numbers: Value,
@@ -55,9 +55,9 @@ pub struct Entry {
     pub place: &'static str,
     /// Whether a diagnosis can name it.
     pub listed: bool,
-    /// It shows in the force alone.
+    /// Whether it is visible only in the force.
     pub(crate) needs_force: bool,
-    /// It shows near the supply's pressure alone.
+    /// Whether it is visible only near the supply pressure.
     pub(crate) near_supply: bool,
     pub(crate) draw: Draw,
 }

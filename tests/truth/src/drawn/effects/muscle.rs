@@ -105,12 +105,12 @@ pub(super) fn bladder_elasticity(bench: &Bench, size: f64, rng: &mut Pcg64) -> L
     )
 }
 
-/// A muscle that buckles instead of pushing.
+/// A muscle that buckles under a negative force.
 #[derive(Serialize)]
 struct Slack {
     /// Force over which it straightens.
     width_n: f64,
-    /// Share of a push that is left.
+    /// Remaining share of a negative force.
     push_share: f64,
     /// 1 for a corner like a logistic's, larger for a sharper one.
     power: f64,

@@ -1,4 +1,4 @@
-//! What the sensors make of it.
+//! Errors of the sensors.
 
 use rand::RngExt;
 use rand_pcg::Pcg64;

@@ -1,4 +1,4 @@
-//! Effects that a diagnosis has no name for.
+//! Effects that are in no catalogue of a diagnosis.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use super::Law;
 use crate::hidden::{Hidden, Load, Moment, Reading};
 use crate::machine::GRAVITY_M_PER_S2;
 
-/// Times at which something happens: the beginning of one happening drawn from each interval.
+/// Times of events: one start, drawn from each interval.
 #[derive(Serialize)]
 struct Moments {
     interval_s: f64,
@@ -129,7 +129,7 @@ pub(super) fn random_gusts(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     pushed(force_n, LoadForce::Gusts { sines }, "random")
 }
 
-/// Part of the weight swings.
+/// A part of the weight is a pendulum.
 #[derive(Serialize)]
 struct SwingingPayload {
     swinging_kg: f64,
@@ -233,7 +233,7 @@ pub(super) fn pinched_bladder(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law 
     Law::new(effect, "stretch", format!("{pinched_n:.1} N on a stretch"))
 }
 
-/// The reference is disturbed now and then.
+/// Occasional disturbances of the reference.
 #[derive(Serialize)]
 struct PressurePulses {
     pulse_pa: f64,
@@ -257,7 +257,7 @@ pub(super) fn pressure_pulses(_: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     Law::new(PressurePulses { pulse_pa, moments }, "now-and-then", words)
 }
 
-/// The valve moves in coarse steps, and only when it is pulled hard enough.
+/// A valve with coarse steps and stiction.
 #[derive(Serialize)]
 struct StickingValve {
     step_pa: f64,
@@ -297,7 +297,7 @@ pub(super) fn sticking_valve(_: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     Law::new(StickingValve { step_pa, held_pa }, "quantised", words)
 }
 
-/// The valve's flow is not what its opening says.
+/// A flow of the valve that does not correspond to its opening.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Flow {
@@ -372,7 +372,7 @@ pub(super) fn valve_fade(_: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     Law::new(effect, "monotone", format!("by {:.0} %", 100.0 * share))
 }
 
-/// The room warms and cools, and the rubber with it.
+/// Variation of the ambient temperature, which also changes the rubber.
 #[derive(Serialize)]
 struct AmbientDrift {
     swing_k: f64,
@@ -449,7 +449,7 @@ pub(super) fn lost_counts(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     Law::new(effect, "one-way", words)
 }
 
-/// An encoder wheel off its centre.
+/// An eccentric encoder wheel.
 #[derive(Serialize)]
 struct EncoderEccentricity {
     amplitude: f64,
@@ -476,7 +476,7 @@ pub(super) fn encoder_eccentricity(_: &Bench, size: f64, rng: &mut Pcg64) -> Law
     Law::new(effect, "periodic", format!("by {amplitude:.5}"))
 }
 
-/// The encoder's wheel slips now and then, and stays off.
+/// Occasional slip of the encoder's wheel, with a lasting error.
 #[derive(Serialize)]
 struct SlippedEncoder {
     /// When, and by how much.
@@ -519,7 +519,7 @@ fn slip_count(size: f64) -> usize {
 /// How fast the encoder's reading follows while it does \[1/s\].
 const FOLLOWED_PER_S: f64 = 400.0;
 
-/// The reading of the contraction stands still now and then.
+/// Reading of the contraction that is occasionally constant.
 #[derive(Serialize)]
 struct FrozenReading {
     moments: Moments,

@@ -11,7 +11,7 @@ use super::super::shape::{Coordinate, Modulation, between, log_between, log_scal
 use super::Law;
 use crate::hidden::{Hidden, Moment};
 
-/// How the reference is filtered; every one answers in proportion to the amplitude.
+/// Linear filter of the reference.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Filter {
@@ -148,7 +148,7 @@ pub(super) fn lag(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     )
 }
 
-/// Errors that open the valve little or not at all.
+/// Dead zone: small errors open the valve little or not at all.
 #[derive(Serialize)]
 struct DeadZone {
     /// Half of the zone, for filling and for exhausting.
@@ -218,7 +218,7 @@ pub(super) fn dead_zone(bench: &Bench, size: f64, rng: &mut Pcg64) -> Law {
     )
 }
 
-/// No more than what a restriction passes, each way its own.
+/// Flow limited by a restriction, different in each direction.
 #[derive(Serialize)]
 struct FlowLimit {
     /// Over upstream absolute pressure, filling and exhausting.

@@ -1,4 +1,4 @@
-//! Drawn cases: what they hide, their rigs and records, and that they repeat.
+//! Tests of drawn cases: hidden effects, rigs, records and reproducibility.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -36,7 +36,7 @@ fn column(text: &str, name: &str) -> Vec<f64> {
 }
 
 #[test]
-fn rounds_reach_every_name_and_several_effects_differ() {
+fn every_effect_is_drawn_and_combined_effects_differ() {
     let mut names = BTreeSet::new();
     let mut kinds = BTreeMap::new();
     for index in 0..400 {
@@ -109,7 +109,7 @@ fn rigs_lift_their_load_over_the_stroke_within_the_supplys_pressure() {
 }
 
 #[test]
-fn clocks_cover_their_ranges_and_times_rise() {
+fn clocks_cover_their_ranges_and_times_increase() {
     let (mut slow, mut fast, mut uneven) = (false, false, 0);
     for seed in 0..300 {
         let rng = &mut rng(seed);
@@ -127,7 +127,7 @@ fn clocks_cover_their_ranges_and_times_rise() {
 }
 
 #[test]
-fn a_case_repeats_and_its_records_keep_to_the_rig() {
+fn a_case_is_reproducible_and_its_records_stay_within_the_rigs_limits() {
     let (first, again) = (case(4, 1), case(4, 1));
     assert_eq!(first.answer, again.answer);
     assert_eq!(first.rig_toml, again.rig_toml);
@@ -174,7 +174,7 @@ fn a_case_repeats_and_its_records_keep_to_the_rig() {
 }
 
 #[test]
-fn most_effects_show_and_the_answer_says_which() {
+fn most_effects_are_visible_according_to_the_answer() {
     let (mut shown, mut all) = (0, 0);
     for case in some() {
         for effect in case.answer["effects"].as_array().expect("effects") {
@@ -189,7 +189,7 @@ fn most_effects_show_and_the_answer_says_which() {
 }
 
 #[test]
-fn an_experiment_is_made_on_the_cases_rig() {
+fn a_test_signal_is_recorded_on_the_rig_of_its_case() {
     let drive = Drive {
         period_s: 0.01,
         reference_pa: vec![1.5e5; 300],

@@ -1,4 +1,5 @@
-//! The adaptive steps against the fixed ones, conservation, and their error with each effect.
+//! Tests of the adaptive integrator: agreement with fixed steps, conservation, error with each
+//! effect.
 
 use rayon::prelude::*;
 

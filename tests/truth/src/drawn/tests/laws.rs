@@ -13,7 +13,7 @@ const NO_LOAD: Load = Load {
     static_n: 0.0,
 };
 
-/// A law, its states and the moment in which they are.
+/// A law with its states at a moment.
 struct Held<'a> {
     law: &'a Law,
     x: Vec<f64>,
@@ -119,7 +119,7 @@ fn hysteresis_is_independent_of_rate_and_time() {
 }
 
 #[test]
-fn hysteresis_takes_work_around_every_closed_loop() {
+fn hysteresis_dissipates_work_in_every_closed_loop() {
     for (bench, law) in laws("hysteresis") {
         // major and minor loops, small and large
         for (low, high) in [(0.05, 0.7), (0.3, 0.4), (0.5, 0.52), (0.1, 0.35)] {
@@ -164,7 +164,7 @@ fn hysteresis_remembers_the_last_reversal_and_grows_with_pressure() {
 }
 
 #[test]
-fn creep_goes_on_one_way_and_dies_out() {
+fn creep_is_monotone_and_decays() {
     for (bench, law) in laws("creep") {
         let start = moment(&bench);
         for rise in [true, false] {
@@ -199,7 +199,7 @@ fn creep_goes_on_one_way_and_dies_out() {
 }
 
 #[test]
-fn dead_band_takes_the_same_pressure_above_its_threshold_at_every_contraction() {
+fn dead_band_is_a_constant_pressure_loss_above_its_threshold() {
     for (bench, law) in laws("dead-band") {
         let mut held = Held::new(&law, moment(&bench));
         let mut lost_pa = |pressure_pa: f64, contraction: f64| {
@@ -226,7 +226,7 @@ fn dead_band_takes_the_same_pressure_above_its_threshold_at_every_contraction() 
 }
 
 #[test]
-fn bladder_takes_force_that_rises_with_contraction_whatever_the_way_there() {
+fn bladder_force_rises_with_contraction_and_has_no_memory() {
     for (bench, law) in laws("bladder-elasticity") {
         let mut held = Held::new(&law, moment(&bench));
         let force_n = |held: &mut Held, place: f64, rate_per_s: f64| {
@@ -247,7 +247,7 @@ fn bladder_takes_force_that_rises_with_contraction_whatever_the_way_there() {
 }
 
 #[test]
-fn slack_leaves_pulls_and_takes_pushes() {
+fn slack_removes_only_negative_forces() {
     for (bench, law) in laws("slack") {
         let held = Held::new(&law, moment(&bench));
         let total_n = |force_n: f64| force_n + held.force_n(force_n);
@@ -266,7 +266,7 @@ fn slack_leaves_pulls_and_takes_pushes() {
 }
 
 #[test]
-fn run_in_fades_with_the_way_and_not_with_time() {
+fn run_in_decays_with_travel_and_not_with_time() {
     for (bench, law) in laws("run-in") {
         let mut held = Held::new(&law, moment(&bench));
         let share = |held: &Held| held.force_n(0.0) / (held.now.area_m2 * held.now.pressure_pa);
@@ -291,7 +291,7 @@ fn run_in_fades_with_the_way_and_not_with_time() {
 }
 
 #[test]
-fn friction_takes_work_and_knows_neither_pressure_nor_position() {
+fn friction_dissipates_work_independently_of_pressure_and_position() {
     for (bench, law) in laws("friction") {
         let loop_j = |pressure_pa: f64, at: f64| {
             let mut held = Held::new(&law, moment(&bench));
@@ -324,7 +324,7 @@ fn friction_takes_work_and_knows_neither_pressure_nor_position() {
 }
 
 #[test]
-fn payload_at_rest_weighs_its_mass() {
+fn payload_at_rest_adds_the_weight_of_its_mass() {
     for (bench, law) in laws("payload") {
         let held = Held::new(&law, moment(&bench));
         let load = held.load();
@@ -339,7 +339,7 @@ fn payload_at_rest_weighs_its_mass() {
     }
 }
 
-/// Readings with an effect of a rig that shows `pressure_pa` and so on.
+/// Readings of a rig with the effect.
 fn read(held: &Held) -> Reading {
     let mut reading = Reading {
         pressure_pa: held.now.pressure_pa,
@@ -351,7 +351,7 @@ fn read(held: &Held) -> Reading {
 }
 
 #[test]
-fn backlash_holds_the_reading_back_by_no_more_than_its_gap_at_any_rate() {
+fn backlash_delays_the_reading_by_at_most_its_gap_at_any_rate() {
     for (bench, law) in laws("backlash") {
         let gap_m = law.numbers["gap_m"].as_f64().expect("a number");
         let gap = gap_m / bench.rig.initial_length_m;
@@ -374,7 +374,7 @@ fn backlash_holds_the_reading_back_by_no_more_than_its_gap_at_any_rate() {
 }
 
 #[test]
-fn valve_lag_answers_in_proportion_and_reaches_the_reference() {
+fn valve_lag_is_linear_and_reaches_the_reference() {
     for (bench, law) in laws("valve-lag") {
         let answer = |step_pa: f64| {
             let mut held = Held::new(&law, moment(&bench));
@@ -413,7 +413,7 @@ fn flow(held: &Held, flow: f64) -> f64 {
 }
 
 #[test]
-fn dead_zone_opens_less_than_asked_and_the_same_way() {
+fn dead_zone_reduces_the_flow_without_changing_its_sign() {
     for (bench, law) in laws("valve-dead-zone") {
         let held = Held::new(&law, moment(&bench));
         let gain = bench.rig.flow_gain_kg_per_pa_s;
@@ -437,7 +437,7 @@ fn dead_zone_opens_less_than_asked_and_the_same_way() {
 }
 
 #[test]
-fn flow_limit_leaves_small_flows_and_bounds_large_ones() {
+fn flow_limit_bounds_only_large_flows() {
     for (bench, law) in laws("flow-limit") {
         let held = Held::new(&law, moment(&bench));
         let gain = bench.rig.flow_gain_kg_per_pa_s;
@@ -458,7 +458,7 @@ fn flow_limit_leaves_small_flows_and_bounds_large_ones() {
 }
 
 #[test]
-fn leak_lets_gas_out_and_none_in() {
+fn leak_has_no_inflow() {
     for (bench, law) in laws("leak") {
         let mut held = Held::new(&law, moment(&bench));
         let mut leak = |pressure_pa: f64| {
@@ -471,7 +471,7 @@ fn leak_lets_gas_out_and_none_in() {
 }
 
 #[test]
-fn heat_goes_from_hot_to_cold_and_none_is_lost() {
+fn heat_flows_from_hot_to_cold_and_is_conserved() {
     for (bench, law) in laws("heat-exchange") {
         for hotter_k in [30.0, -30.0] {
             let mut held = Held::new(&law, moment(&bench));
@@ -503,7 +503,7 @@ fn heat_goes_from_hot_to_cold_and_none_is_lost() {
 }
 
 #[test]
-fn reservoir_gives_what_the_muscle_takes_and_fills_up_again() {
+fn reservoir_supplies_the_muscles_gas_and_refills() {
     for (bench, law) in laws("supply-droop") {
         let supply_pa = bench.rig.supply_pressure_pa;
         let start = Moment {
@@ -539,7 +539,7 @@ fn reservoir_gives_what_the_muscle_takes_and_fills_up_again() {
 }
 
 #[test]
-fn delayed_commands_arrive_whole_and_late() {
+fn delayed_commands_arrive_completely_and_late() {
     for (_, law) in laws("transport-delay") {
         for sent_s in [0.0, 1.234, 7.77] {
             let arrivals = law.hidden.arrivals(sent_s);
@@ -554,7 +554,7 @@ fn delayed_commands_arrive_whole_and_late() {
 }
 
 #[test]
-fn line_dynamics_settle_at_the_muscles_pressure_and_keep_the_gas() {
+fn line_dynamics_reach_the_muscles_pressure_and_conserve_mass() {
     for (bench, law) in laws("line-dynamics") {
         let mut held = Held::new(&law, moment(&bench));
         let settled = read(&held);
@@ -585,7 +585,7 @@ fn line_dynamics_settle_at_the_muscles_pressure_and_keep_the_gas() {
 }
 
 #[test]
-fn sensors_err_by_what_they_are_said_to() {
+fn sensor_errors_are_those_of_the_answer() {
     let names = [
         "pressure-sensor-offset",
         "pressure-sensor-gain",
@@ -633,7 +633,7 @@ fn sensors_err_by_what_they_are_said_to() {
 }
 
 #[test]
-fn every_name_has_laws_of_its_own() {
+fn laws_of_each_effect_differ_and_are_reproducible() {
     for entry in DRAWN {
         let laws = laws(entry.name);
         let mut numbers: Vec<String> = laws

@@ -12,7 +12,7 @@ use super::bench::{self, Bench};
 use super::effects::{DRAWN, Entry, Law};
 use crate::hidden::Moment;
 
-/// Laws of an effect that a test looks at.
+/// Number of laws of an effect per test.
 const LAWS: u64 = 40;
 
 pub(super) fn rng(seed: u64) -> Pcg64 {
@@ -55,7 +55,7 @@ pub(super) fn moment(bench: &Bench) -> Moment {
     }
 }
 
-/// States of a law that has rested in `now`.
+/// Steady states of a law at `now`.
 pub(super) fn settled(law: &Law, now: &Moment) -> Vec<f64> {
     let mut x = vec![0.0; law.hidden.states()];
     law.hidden.settle(now, &mut x);

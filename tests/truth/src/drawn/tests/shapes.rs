@@ -1,11 +1,11 @@
-//! Random shapes stay within what they promise.
+//! Tests of the properties of random shapes.
 
 use super::super::shape::{Coordinate, Curve, MODULATION, Modulation, Ramp, Waveform, shares};
 use super::{bench, moment, rng};
 use crate::hidden::Moment;
 
 #[test]
-fn a_curve_has_the_ratio_that_it_is_drawn_with_and_no_jumps() {
+fn a_curve_has_its_given_ratio_and_no_jumps() {
     for seed in 0..300 {
         let curve = Curve::with_ratio(&mut rng(seed), 3.0);
         assert!((curve.ratio() - 3.0).abs() < 1e-9);
@@ -38,7 +38,7 @@ fn a_curves_integral_is_the_sum_of_its_values() {
 }
 
 #[test]
-fn a_rising_curve_rises_and_a_ramp_goes_from_nothing_to_one() {
+fn a_rising_curve_rises_and_a_ramp_goes_from_zero_to_one() {
     for seed in 0..200 {
         let rng = &mut rng(seed);
         let curve = Curve::rising(rng, 2.5);

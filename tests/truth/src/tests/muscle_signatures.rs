@@ -1,4 +1,4 @@
-//! Marks of what the muscle's force lacks, and of hysteresis, creep and run-in.
+//! Signatures of the muscle's force law, hysteresis, creep and run-in.
 
 use super::{
     Rig, at, bare, draw, force_residual_n, forms, frictionless, holds, isometric, mean, near,
@@ -16,7 +16,7 @@ fn triangles(low_pa: f64, high_pa: f64, leg_s: f64, cycles: usize) -> super::Run
 }
 
 #[test]
-fn dead_band_lowers_force_by_the_same_above_its_threshold() {
+fn dead_band_lowers_the_force_by_a_constant_above_its_threshold() {
     let rig = isometric();
     let run = holds(&[(1.0, 0.0), (1.0, 2.0e5), (1.0, 4.0e5)]);
     let area_m2 = rig.alpha_m2 + rig.beta_m2;
@@ -40,7 +40,7 @@ fn dead_band_lowers_force_by_the_same_above_its_threshold() {
 }
 
 #[test]
-fn bladder_takes_force_that_grows_with_contraction_whatever_the_direction() {
+fn bladder_force_grows_with_contraction_in_either_direction() {
     let rig = frictionless();
     let run = triangles(1.6e5, 4.8e5, 2.0, 1);
     for form in forms("bladder-elasticity") {
@@ -57,7 +57,7 @@ fn bladder_takes_force_that_grows_with_contraction_whatever_the_direction() {
 }
 
 #[test]
-fn slack_leaves_no_push() {
+fn slack_removes_negative_forces() {
     let rig = isometric();
     let run = holds(&[(1.0, 0.0), (1.0, 4.0e5)]);
     let plain = bare(&run, &rig);
@@ -105,7 +105,7 @@ fn hysteresis_depends_on_direction_not_on_rate_and_grows_with_pressure() {
 }
 
 #[test]
-fn creep_goes_on_after_a_step_with_pressure_held() {
+fn creep_continues_after_a_step_at_constant_pressure() {
     let rig = frictionless();
     let run = holds(&[(1.0, 2.0e5), (12.0, 3.5e5), (12.0, 2.0e5)]);
     let plain = bare(&run, &rig);
@@ -123,7 +123,7 @@ fn creep_goes_on_after_a_step_with_pressure_held() {
                 .collect();
             assert!(sign * (path[1] - path[0]) > 3e-4, "{} {path:?}", form.name);
             assert!(sign * (path[2] - path[1]) > 1e-4, "{} {path:?}", form.name);
-            // slower and slower
+            // at a decreasing rate
             assert!(
                 sign * (path[2] - path[1]) < sign * (path[1] - path[0]),
                 "{}",

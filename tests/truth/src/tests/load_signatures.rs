@@ -1,4 +1,4 @@
-//! Marks of friction, payload, backlash and the sensors.
+//! Signatures of friction, payload, backlash and the sensors.
 
 use super::{Rig, at, bare, draw, forms, frictionless, holds, mean, near, pieces, with};
 use crate::hidden::Reading;
@@ -25,7 +25,7 @@ fn force_n(readings: &[Reading], from_s: f64, to_s: f64) -> f64 {
 }
 
 #[test]
-fn friction_widens_the_force_between_up_and_down() {
+fn friction_increases_the_force_difference_between_up_and_down() {
     let rig = Rig::default();
     let run = slow();
     let width_n = |readings: &[Reading]| force_n(readings, 2.0, 3.4) - force_n(readings, 5.0, 6.4);
@@ -42,7 +42,7 @@ fn friction_widens_the_force_between_up_and_down() {
 }
 
 #[test]
-fn payload_weighs_and_slows() {
+fn payload_adds_weight_and_lowers_the_natural_frequency() {
     let rig = frictionless();
     let run = holds(&[(3.0, 3.0e5), (3.0, 3.2e5)]);
     for form in forms("payload") {
@@ -69,7 +69,7 @@ fn payload_weighs_and_slows() {
 }
 
 #[test]
-fn backlash_holds_back_the_reading_alone_by_its_gap() {
+fn backlash_delays_only_the_reading_by_its_gap() {
     let rig = Rig::default();
     let run = slow();
     let plain = bare(&run, &rig);
@@ -86,7 +86,7 @@ fn backlash_holds_back_the_reading_alone_by_its_gap() {
 }
 
 #[test]
-fn sensors_err_and_the_muscle_does_not_know() {
+fn sensor_errors_change_only_the_readings() {
     let rig = Rig::default();
     let run = slow();
     let plain = bare(&run, &rig);

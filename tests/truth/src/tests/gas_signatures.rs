@@ -1,4 +1,4 @@
-//! Marks of valve, supply, line and gas.
+//! Signatures of valve, supply, line and gas.
 
 use super::{PERIOD_S, Rig, at, bare, draw, forms, holds, isometric, near, with};
 use crate::effects::Drawn;
@@ -24,7 +24,7 @@ fn half_time_s(rig: &Rig, drawn: Option<&Drawn>, step_pa: f64) -> f64 {
 }
 
 #[test]
-fn leak_settles_below_the_reference_in_proportion_and_empties_a_shut_muscle() {
+fn leak_lowers_the_steady_pressure_and_empties_a_shut_muscle() {
     let rig = isometric();
     let levels_pa = [1.5e5, 3.0e5, 4.5e5];
     let run = holds(&levels_pa.map(|level_pa| (1.0, level_pa)));
@@ -56,7 +56,7 @@ fn leak_settles_below_the_reference_in_proportion_and_empties_a_shut_muscle() {
 }
 
 #[test]
-fn heat_exchange_changes_the_moments_after_a_fast_step_alone() {
+fn heat_exchange_changes_only_the_transient_after_a_fast_step() {
     let rig = isometric();
     let run = holds(&[(1.0, 1.0e5), (4.0, 4.5e5)]);
     // shut after filling, the gas would cool; here the valve makes up for it, with more mass
@@ -79,7 +79,7 @@ fn heat_exchange_changes_the_moments_after_a_fast_step_alone() {
 }
 
 #[test]
-fn valve_lag_rounds_any_amplitude_alike() {
+fn valve_lag_is_independent_of_the_amplitude() {
     let rig = isometric();
     for form in forms("valve-lag") {
         let drawn = draw(form, 0.8, &rig);
@@ -100,7 +100,7 @@ fn valve_lag_rounds_any_amplitude_alike() {
 }
 
 #[test]
-fn delay_moves_nothing_for_its_time() {
+fn delay_shifts_the_response_by_its_time() {
     let rig = Rig::default();
     let run = holds(&[(1.0, 2.0e5), (1.0, 3.0e5)]);
     for form in forms("transport-delay") {
@@ -123,7 +123,7 @@ fn delay_moves_nothing_for_its_time() {
 }
 
 #[test]
-fn dead_zone_stops_short_from_either_side() {
+fn dead_zone_leaves_a_pressure_error_on_either_side() {
     let rig = isometric();
     let run = holds(&[(1.0, 1.5e5), (3.0, 3.0e5), (1.0, 4.5e5), (3.0, 3.0e5)]);
     for form in forms("valve-dead-zone") {
@@ -161,7 +161,7 @@ fn flow_limit_slows_large_steps_more_than_small_ones() {
 }
 
 #[test]
-fn droop_runs_short_near_supply_after_heavy_use_only() {
+fn supply_droop_limits_the_pressure_only_after_high_air_consumption() {
     let rig = Rig::default();
     let mut all = vec![(1.0, 2.0e5)];
     for _ in 0..4 {
@@ -179,7 +179,7 @@ fn droop_runs_short_near_supply_after_heavy_use_only() {
 }
 
 #[test]
-fn line_dynamics_part_the_reading_from_the_force() {
+fn line_dynamics_change_the_reading_relative_to_the_force() {
     let rig = isometric();
     let run = holds(&[(1.0, 1.5e5), (2.0, 3.5e5)]);
     let plain = bare(&run, &rig);

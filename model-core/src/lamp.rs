@@ -1,0 +1,87 @@
+//! The status lamp: what the device does, and why it has stopped, as a pattern of one LED.
+//! docs/wiring.md shows the patterns.
+
+use crate::io::Request;
+use crate::supervisor::{Fault, Mode};
+
+/// Ticks of one flash of a fault, and of the gap after it.
+const FLASH_TICKS: u32 = 20;
+/// Ticks without light after the flashes.
+const PAUSE_TICKS: u32 = 100;
+
+/// Count of flashes that tell a fault.
+pub fn flashes(fault: Fault) -> u32 {
+    match fault {
+        Fault::Bridge(_) => 1,
+        Fault::Pressure(_) => 2,
+        Fault::Encoder(_) => 3,
+        Fault::OverPressure | Fault::PressureControl => 4,
+        Fault::OverContraction | Fault::OverSpeed | Fault::ForceBalance | Fault::Uncommanded => 5,
+        Fault::LoadedLever | Fault::NotVented | Fault::NotStill => 6,
+        Fault::EmergencyStop | Fault::StopContactsDiffer => 7,
+        Fault::MissedTicks | Fault::Memory => 8,
+    }
+}
+
+/// Whether the lamp is lit in this tick.
+pub fn is_lit(mode: Mode, fault: Option<Fault>, request: Request, tick: u32) -> bool {
+    if let Some(fault) = fault {
+        let lit_ticks = 2 * FLASH_TICKS * flashes(fault);
+        let phase = tick % (lit_ticks + PAUSE_TICKS);
+        return phase < lit_ticks && phase % (2 * FLASH_TICKS) < FLASH_TICKS;
+    }
+    let is_stopped = matches!(request, Request::Stop | Request::StopContactsDiffer);
+    match mode {
+        Mode::SelfCheck => tick % 20 < 10,
+        Mode::Ready => matches!((tick % 200, is_stopped), (0..10, _) | (30..40, true)),
+        Mode::Assisting | Mode::Playing => true,
+        Mode::Holding => tick % 100 >= 10,
+        Mode::Venting => tick % 100 < 50,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two periods of a pattern as a string, a character for each 100 ms.
+    fn pattern(mode: Mode, fault: Option<Fault>, request: Request, ticks: u32) -> String {
+        let lit = |tick| is_lit(mode, fault, request, tick);
+        (0..2 * ticks / 10)
+            .map(|tenth| if lit(10 * tenth) { '#' } else { '.' })
+            .collect()
+    }
+
+    #[test]
+    fn patterns_are_those_of_the_manual() {
+        let none = Request::None;
+        let expected = [
+            (Mode::SelfCheck, none, "#.", 20),
+            (Mode::Ready, none, "#...................", 200),
+            (Mode::Ready, Request::Stop, "#..#................", 200),
+            (Mode::Assisting, none, "##########", 100),
+            (Mode::Playing, none, "##########", 100),
+            (Mode::Holding, none, ".#########", 100),
+            (Mode::Venting, none, "#####.....", 100),
+        ];
+        for (mode, request, period, ticks) in expected {
+            assert_eq!(
+                pattern(mode, None, request, ticks),
+                period.repeat(2),
+                "{mode:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn every_fault_flashes_its_number_and_pauses_in_any_mode() {
+        for (fault, name) in Fault::NAMED {
+            let count = flashes(*fault);
+            assert!((1..=8).contains(&count), "{name}");
+            let period = format!("{}..........", "##..".repeat(count as usize));
+            let ticks = 40 * count + 100;
+            let seen = pattern(Mode::Venting, Some(*fault), Request::None, ticks);
+            assert_eq!(seen, period.repeat(2), "{name}");
+        }
+    }
+}

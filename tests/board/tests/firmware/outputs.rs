@@ -1,0 +1,108 @@
+//! The emergency stop, the pulses for the valve in the muscle's port, and the status lamp.
+
+use crate::rig::{LAMP, MS, PORT, Rig, STOP, TICK_NS};
+use model_core::device::Command;
+use model_core::io::Request;
+use model_core::lamp;
+use model_core::link::ToDevice;
+use model_core::supervisor::{Fault, Mode};
+
+/// Pull-up and pull-down registers of ports A and B, and the field of a pin that is pulled down.
+const PUPDR: [u32; 2] = [0x4002_000c, 0x4002_040c];
+const PULLED_DOWN: u32 = 2;
+
+fn assisting() -> Rig {
+    let mut rig = Rig::after_ms(1_000);
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(300);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Assisting);
+    rig
+}
+
+/// Count of the edges of the pulses in `ms`.
+fn edges(rig: &mut Rig, ms: u64) -> usize {
+    let mut levels = vec![rig.board.level(PORT) == Some(true)];
+    for _ in 0..ms {
+        rig.run_ms(1);
+        levels.push(rig.board.level(PORT) == Some(true));
+    }
+    levels.windows(2).filter(|pair| pair[0] != pair[1]).count()
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn each_tick_has_an_edge_for_the_valve_in_the_port_once_the_self_check_has_passed() {
+    let mut rig = Rig::after_ms(100);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::SelfCheck);
+    assert_eq!(edges(&mut rig, 100), 0);
+    rig.run_ms(900);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Ready);
+    assert_eq!(edges(&mut rig, 1_000), 100);
+    rig.assert_no_errors();
+}
+
+/// Neither a hanging tick, with the pin at either level, nor the reset that follows has an edge.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn edges_end_with_the_ticks() {
+    for level in [true, false] {
+        let mut rig = assisting();
+        while rig.board.level(PORT) != Some(level) {
+            rig.run_ms(1);
+        }
+        rig.board.hold_core(true);
+        assert_eq!(edges(&mut rig, 40), 0);
+        rig.board.run_for(60 * MS);
+        assert_eq!(rig.board.resets().len(), 1);
+        rig.board.hold_core(false);
+        // After the reset the valve is at its exhaust, and the port stays closed.
+        assert_eq!(edges(&mut rig, 100), 0);
+    }
+}
+
+/// Pressed, and each wire broken: an open wire is pulled down.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn emergency_stop_and_each_of_its_wires_let_the_weight_down() {
+    for open in [&STOP[..], &STOP[..1], &STOP[1..]] {
+        let mut rig = assisting();
+        for contact in open {
+            rig.board.set_level(*contact, None);
+        }
+        rig.run_ms(3 * TICK_NS / MS);
+        let output = rig.last_telemetry().output;
+        assert_eq!(
+            (output.mode, output.fault),
+            (Mode::Venting, Some(Fault::EmergencyStop))
+        );
+        rig.assert_no_errors();
+    }
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn inputs_of_the_emergency_stop_are_pulled_down() {
+    let mut rig = Rig::after_ms(15);
+    for contact in STOP {
+        let word = rig.board.read_register(PUPDR[usize::from(contact.port)]);
+        assert_eq!(word >> (2 * contact.number) & 3, PULLED_DOWN, "{contact}");
+    }
+}
+
+/// The lamp is that of model-core in each tick.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn lamp_shows_the_mode() {
+    let mut rig = Rig::new();
+    rig.run_ms(15);
+    let mut seen = [false; 2];
+    for _ in 0..150 {
+        rig.run_ms(10);
+        let last = rig.telemetry().pop().expect("telemetry");
+        let output = last.output;
+        let expected = lamp::is_lit(output.mode, output.fault, Request::None, last.tick);
+        assert_eq!(rig.board.level(LAMP), Some(expected), "tick {}", last.tick);
+        seen[usize::from(expected)] = true;
+    }
+    assert_eq!(seen, [true, true]);
+}
