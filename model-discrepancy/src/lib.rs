@@ -1,6 +1,9 @@
 #![doc = include_str!("../README.md")]
 
 pub mod engine;
+pub mod evidence;
 pub mod least_squares;
 pub mod left;
+pub mod rows;
+pub mod signature;
 pub mod verdict;

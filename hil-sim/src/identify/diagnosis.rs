@@ -182,7 +182,7 @@ impl Clock {
 ///
 /// # Errors
 /// A pressure that drives it and that no gas has.
-fn driven(rig: &Rig, records: &[Record]) -> Result<Vec<Record>, BadInput> {
+pub(super) fn driven(rig: &Rig, records: &[Record]) -> Result<Vec<Record>, BadInput> {
     let mut records = records.to_vec();
     let gas = rig.nominal.gas.unwrap_or(Gas::STANDARD);
     for record in &mut records {

@@ -285,7 +285,7 @@ impl<'a> Fit<'a> {
         let mut differences = Vec::new();
         let mut readings = Vec::with_capacity(last + 1);
         let initial = self.initial(x);
-        let visit = |_: usize, simulation: &Simulation| {
+        let visit = |_: usize, simulation: &mut Simulation| {
             readings.push(simulation.read());
             ControlFlow::Continue(())
         };
@@ -378,7 +378,7 @@ mod tests {
         let (mut pressure_pa, mut contraction) = (Vec::new(), Vec::new());
         let inputs = Inputs::new(rig, &record).expect("the inputs of the rig");
         let plant = rig.plant(inputs.simulated).expect("a plant");
-        let visit = |_: usize, simulation: &Simulation| {
+        let visit = |_: usize, simulation: &mut Simulation| {
             let reading = simulation.read();
             pressure_pa.push(reading.pressure.0);
             contraction.push(reading.contraction);

@@ -184,7 +184,7 @@ impl<'a> Inputs<'a> {
         initial: &Initial,
         tolerance: f64,
         rows: usize,
-        mut visit: impl FnMut(usize, &Simulation) -> ControlFlow<()>,
+        mut visit: impl FnMut(usize, &mut Simulation) -> ControlFlow<()>,
     ) -> Result<(), SimulationError> {
         let mut simulation = Simulation::new(plant, initial, &self.drive(0), tolerance);
         for row in 0..rows {
@@ -201,7 +201,7 @@ impl<'a> Inputs<'a> {
             if let Some(pressure) = self.pressure(row) {
                 simulation.prescribe_pressure(pressure);
             }
-            if visit(row, &simulation).is_break() {
+            if visit(row, &mut simulation).is_break() {
                 break;
             }
             if row + 1 < rows {

@@ -3,6 +3,7 @@
 
 pub mod diagnosis;
 pub mod gap;
+pub mod hypotheses;
 mod initial;
 mod inputs;
 pub mod muscle;

@@ -10,6 +10,8 @@ mod along;
 mod begin;
 mod force;
 mod kernel;
+mod linearized;
+mod observed_gas;
 mod play;
 mod prepared;
 mod residuals;
@@ -24,6 +26,7 @@ use crate::rig::{Rig, Tolerance};
 use begin::{UNKNOWNS, begun_best};
 use force::{Force, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::Residuals;
 use model_discrepancy::verdict::NOISE_ONLY;
 use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement};
@@ -245,6 +248,13 @@ impl MuscleModel {
             // One balance of forces for both.
             _ => vec!["muscle-force", LOAD],
         }
+    }
+
+    /// The subsystems of a set of blocks.
+    pub fn unknown_in(&self, blocks: Blocks) -> Vec<&'static str> {
+        let numbered = self.blocks.iter().enumerate();
+        let own = numbered.filter(|(block, _)| blocks & (1 << block) != 0);
+        own.flat_map(|(_, name)| self.places(name)).collect()
     }
 
     /// The effects that the rig may name.

@@ -55,7 +55,7 @@ pub fn simulate_with(
     let rows = record.time_s().len();
     let mut columns = [(); 4].map(|()| Vec::with_capacity(rows));
     let plant = rig.plant(inputs.simulated)?;
-    let visit = |_, simulation: &Simulation| {
+    let visit = |_, simulation: &mut Simulation| {
         let reading = simulation.read();
         let values = [
             reading.pressure.0,

@@ -123,7 +123,7 @@ impl Span {
     }
 
     /// It reads its bound.
-    fn clips(self, read: f64) -> bool {
+    pub(super) fn clips(self, read: f64) -> bool {
         read <= self.least || read >= self.most
     }
 }

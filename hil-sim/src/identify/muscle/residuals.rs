@@ -27,8 +27,15 @@ const STEPS_PER_ROW: f64 = 4.0;
 /// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
 const LEAST_SHARE_OF_MASS: f64 = 0.5;
 
-/// The pressure that is read in each row \[Pa\], with the contraction as an input.
-fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> {
+/// The pressure that is read in each row \[Pa\], with the contraction as an input. With
+/// `corrected_pa` it is predicted from one row to the next: the muscle has that pressure in each
+/// row, or, where it is NaN, the one predicted.
+pub(super) fn pressures_pa(
+    rig: &Rig,
+    inputs: Inputs,
+    record: &Record,
+    corrected_pa: Option<&[f64]>,
+) -> Option<Vec<f64>> {
     let plant = rig.plant(inputs.simulated).ok()?;
     let mut pressure_pa = record.column(PRESSURE_PA)?.iter();
     let initial = Initial {
@@ -41,8 +48,18 @@ fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> 
     let rows = record.time_s().len();
     let mut out = Vec::with_capacity(rows);
     let start_s = record.time_s()[0];
-    let visit = |row: usize, simulation: &Simulation| {
+    let visit = |row: usize, simulation: &mut Simulation| {
         out.push(simulation.read().pressure.0);
+        if let Some(pressure_pa) = corrected_pa.map(|all| all[row]).filter(|pa| !pa.is_nan()) {
+            let reading = Reading {
+                pressure: GaugePa(pressure_pa),
+                contraction: simulation.contraction(),
+                force_n: 0.0,
+            };
+            let sensors = &simulation.plant().sensors;
+            let truth = sensors.truth(record.time_s()[row], reading);
+            simulation.prescribe_pressure(truth.pressure);
+        }
         let spent_s = record.time_s()[row] - start_s;
         let most = STEPS_PER_S * (1.0 + spent_s) + STEPS_PER_ROW * row as f64;
         if simulation.work().steps as f64 > most {
@@ -55,14 +72,24 @@ fn pressures_pa(rig: &Rig, inputs: Inputs, record: &Record) -> Option<Vec<f64>> 
     (out.len() == rows).then_some(out)
 }
 
-pub(super) fn gas_residuals(record: &Prepared, mut rig: Rig) -> Option<Residuals> {
+/// The pressure that `rig` reads in each row of `record`, freely or corrected (see
+/// [`pressures_pa`]) \[Pa\].
+pub(super) fn gas_pressures_pa(
+    record: &Prepared,
+    mut rig: Rig,
+    corrected_pa: Option<&[f64]>,
+) -> Option<Vec<f64>> {
     let inert = matches!(rig.nominal.load, Load::Weight(_));
     rig.nominal.load = Load::Prescribed;
     let played = record.unplayed(&rig, record.gas.as_ref()?, None);
-    let measured = played.column(PRESSURE_PA)?;
     let mut inputs = Inputs::new(&rig, &played).ok()?;
     inputs.inert = inert;
-    let read_pa = pressures_pa(&rig, inputs, &played)?;
+    pressures_pa(&rig, inputs, &played, corrected_pa)
+}
+
+pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
+    let measured = record.gas.as_ref()?.column(PRESSURE_PA)?;
+    let read_pa = gas_pressures_pa(record, rig, None)?;
     let residual = |row: &usize| {
         let simulated_pa = record.pressure_span.read(read_pa[*row]);
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
@@ -174,6 +201,20 @@ pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>
 /// How far the balance of forces on the weight lies outside what friction can take up, under
 /// the least and the most force that the muscle may have, row by row \[N\].
 pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) -> Option<Residuals> {
+    let all = balances_and_masses(record, rig, forces_n)?;
+    let (values, slack) = all
+        .into_iter()
+        .map(|(value, slack, _)| (value, slack))
+        .unzip();
+    Some(Residuals { values, slack })
+}
+
+/// The same, each with its slack and the mass that is moved \[kg\].
+pub(super) fn balances_and_masses(
+    record: &Prepared,
+    rig: &Rig,
+    forces_n: &[(f64, f64)],
+) -> Option<Vec<(f64, f64, f64)>> {
     let Load::Weight(weight) = rig.nominal.load else {
         return None;
     };
@@ -229,10 +270,13 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
                 * kernel.first(contraction);
-        (balance_n * place.per_noise, reach_n * place.per_noise)
+        (
+            balance_n * place.per_noise,
+            reach_n * place.per_noise,
+            mass_kg,
+        )
     });
-    let (values, slack) = residuals.unzip();
-    Some(Residuals { values, slack })
+    Some(residuals.collect())
 }
 
 #[cfg(test)]
