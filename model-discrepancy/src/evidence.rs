@@ -33,9 +33,6 @@ const TIME_CONSTANTS_S: [f64; 2] = [0.1, 1.0];
 const SIZES: [f64; 5] = [0.5, 2.0, 8.0, 32.0, 128.0];
 /// Share of an effect that the span of its signature may leave of a rig's law.
 const FORM_ERROR: f64 = 0.15;
-/// Standard deviations of its prior by which a weight may change to take the part of an effect, at
-/// the price of one base.
-const FAR: f64 = 3.0;
 /// Prior probabilities of a set of no effect, one, two and three.
 const SET_PRIOR: [f64; 4] = [0.3, 0.4, 0.2, 0.1];
 /// Prior probability of an unknown.
@@ -55,6 +52,7 @@ pub struct Evidence {
 struct Effect {
     form_error: f64,
     signed: bool,
+    log_prior: f64,
     mean: Vec<f64>,
     columns: Range<usize>,
 }
@@ -153,15 +151,12 @@ impl Block {
             .max(0.0)
     }
 
-    /// Mean square of what `own` columns do that `others`, with these prior precisions, could not.
+    /// Mean square of what `own` columns do that `others`, with these prior precisions, do not: a
+    /// change of one by its standard deviation is worth one base.
     fn mean_square_beyond(&self, own: &[(usize, f64)], others: &[(usize, f64)]) -> f64 {
         let product = |a: usize, b: usize| self.products[(a, b)];
         let matrix = DMatrix::from_fn(others.len(), others.len(), |i, j| {
-            let price = if i == j {
-                others[i].1 / (FAR * FAR)
-            } else {
-                0.0
-            };
+            let price = if i == j { others[i].1 } else { 0.0 };
             product(others[i].0, others[j].0) + price
         });
         let with =
@@ -171,48 +166,6 @@ impl Block {
             return 0.0;
         };
         (self.mean_square(own) - factor.solve(&vector).dot(&vector)).max(0.0)
-    }
-}
-
-impl Rows {
-    /// `values`, a column for each row, whitened, and half the log determinant of the covariance.
-    fn whitened(
-        &self,
-        mut values: DMatrix<f64>,
-        amplitude: f64,
-        time_constant_s: f64,
-    ) -> (DMatrix<f64>, f64) {
-        let stationary = amplitude * amplitude;
-        let mut expected = vec![0.0; values.nrows()];
-        let (mut variance, mut half_log_determinant) = (stationary, 0.0);
-        for row in 0..values.ncols() {
-            if row > 0 {
-                let passed_s = self.time_s[row] - self.time_s[row - 1];
-                let kept = if self.begins[row] {
-                    0.0
-                } else {
-                    (-passed_s / time_constant_s).exp()
-                };
-                expected.iter_mut().for_each(|value| *value *= kept);
-                variance = kept * kept * variance + stationary * (1.0 - kept * kept);
-            }
-            let gain = if self.in_process[row] {
-                self.base[row]
-            } else {
-                0.0
-            };
-            let innovation = gain * gain * variance + 1.0;
-            half_log_determinant += 0.5 * innovation.ln();
-            let per_deviation = innovation.sqrt().recip();
-            let correction = gain * variance / innovation;
-            for (value, expected) in values.column_mut(row).iter_mut().zip(&mut expected) {
-                let difference = *value - gain * *expected;
-                *value = difference * per_deviation;
-                *expected += correction * difference;
-            }
-            variance *= 1.0 - correction * gain;
-        }
-        (values, half_log_determinant)
     }
 }
 
@@ -243,6 +196,7 @@ impl Evidence {
             Effect {
                 form_error: if signature.of.exact { 0.0 } else { FORM_ERROR },
                 signed: signature.of.signed,
+                log_prior: signature.log_prior,
                 mean: signature.mean.clone(),
                 columns: first..columns.len(),
             }
@@ -357,6 +311,10 @@ impl Evidence {
         }
         let (mut log_evidence, weights) = best?;
         log_evidence -= set.len() as f64 * (SIZES.len() as f64).ln();
+        log_evidence += set
+            .iter()
+            .map(|own| self.effects[*own].log_prior)
+            .sum::<f64>();
         for (block, at) in grid.iter().enumerate() {
             log_evidence += self.log_process_prior(block, *at, set, &problem, &weights, unknown);
         }
@@ -504,7 +462,10 @@ impl Evidence {
     /// The probabilities of hypotheses, the most probable first: of no effect, each effect alone,
     /// and those pairs and triples that contain a leading smaller set; each without an unknown and
     /// with one in each block. `None` if there is no state at all.
-    pub fn posterior(&self) -> Option<Vec<Hypothesis>> {
+    ///
+    /// `beside` is the evidence with the columns as they are beside an effect that is there
+    /// already: sets of several effects that contain it are judged by the best of these.
+    pub fn posterior(&self, beside: &[(usize, Evidence)]) -> Option<Vec<Hypothesis>> {
         let mut scores: BTreeMap<(Vec<usize>, Blocks), f64> = BTreeMap::new();
         let mut sets = vec![Vec::new()];
         for size in 0..SET_PRIOR.len() {
@@ -514,7 +475,13 @@ impl Evidence {
                 .flat_map(|set: &Vec<usize>| unknown().map(move |u| (set.clone(), u)))
                 .collect();
             let score = |(set, unknown): (Vec<usize>, Blocks)| {
-                let log_evidence = self.solve(&set, unknown)?.log_evidence;
+                let own = beside
+                    .iter()
+                    .filter(|own| set.len() > 1 && set.contains(&own.0));
+                let own: Vec<&Evidence> = own.map(|own| &own.1).collect();
+                let all = if own.is_empty() { vec![self] } else { own };
+                let states = all.into_iter().filter_map(|own| own.solve(&set, unknown));
+                let log_evidence = states.map(|own| own.log_evidence).reduce(f64::max)?;
                 let score = log_evidence + self.log_prior(&set, unknown);
                 Some(((set, unknown), score))
             };

@@ -2,6 +2,7 @@
 
 pub mod engine;
 pub mod evidence;
+pub mod form_fit;
 pub mod least_squares;
 pub mod left;
 pub mod rows;

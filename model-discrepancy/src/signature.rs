@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, SymmetricEigen};
 /// Largest number of columns of a signature.
 const RANK: usize = 8;
 /// A principal component with less than this share of the variance of the first is left out.
-const VARIANCE_MIN: f64 = 1e-4;
+const VARIANCE_MIN: f64 = 1e-6;
 /// Every so many rows determine the principal components.
 const STRIDE: usize = 5;
 /// RMS of an example, in units of the base, below which it shows nothing.
@@ -32,6 +32,9 @@ pub struct Signature {
     pub columns: Vec<Column>,
     /// Inner products of the columns with the mean of the examples.
     pub mean: Vec<f64>,
+    /// Logarithm of the share of its prior that the examples stand for: 0 unless they were made
+    /// about fitted parameters.
+    pub log_prior: f64,
 }
 
 impl Signature {
@@ -74,6 +77,7 @@ impl Signature {
             of,
             columns: Vec::new(),
             mean: Vec::new(),
+            log_prior: 0.0,
         };
         for place in order {
             let shares = eigen.eigenvectors.column(place) / count.sqrt();

@@ -64,7 +64,7 @@ fn posterior(signal: impl Fn(f64) -> f64, seed: u64) -> Vec<Hypothesis> {
         effect("fast", &around(1.5), &blocks),
     ];
     let evidence = Evidence::new(&blocks, &[column(|_| 5.0)], &effects);
-    evidence.posterior().expect("a posterior")
+    evidence.posterior(&[]).expect("a posterior")
 }
 
 fn best(posterior: &[Hypothesis]) -> (&[usize], Blocks) {

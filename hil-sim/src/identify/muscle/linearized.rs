@@ -14,6 +14,7 @@ use super::{FORCE, GAS, MuscleModel};
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA};
 use crate::rig::Rig;
 use model_discrepancy::evidence::{Evidence, Hypothesis};
+use model_discrepancy::form_fit::{Projected, fitted_places};
 use model_discrepancy::rows::{Column, Rows};
 use model_discrepancy::signature::{EffectTraits, Signature};
 use muscle_plant::effects::{Effect, EffectKind, Form, Parameter};
@@ -23,6 +24,12 @@ use rayon::prelude::*;
 
 /// Examples of each form.
 const EXAMPLES: usize = 6;
+/// Distance of the examples about fitted parameters, in usual ranges.
+const ABOUT: f64 = 0.05;
+/// Effects of the gas beside which the signatures of the others are made anew.
+const BESIDE: usize = 3;
+/// The process while a form is fitted \[base, s\].
+const FIT_PROCESS: [f64; 2] = [4.0, 0.1];
 /// Factor between the typical value of a parameter and the ends of its usual range.
 const USUAL_FACTOR: f64 = 5.0;
 /// Distance of the ends from it for a parameter that is neither a size nor a scale, as a share of
@@ -60,6 +67,9 @@ struct Linearized {
     common: Vec<Column>,
 }
 
+/// The signature of an effect, and the effect itself where its parameters were fitted.
+type Made = (Signature, Option<Effect>);
+
 /// A point of a low-discrepancy sequence in the unit cube (Roberts 2018: multiples of powers of the
 /// root of x^(d+1) = x + 1).
 fn point(number: usize, dimensions: usize) -> impl Iterator<Item = f64> {
@@ -93,18 +103,33 @@ fn usual(parameter: &Parameter, place: f64) -> f64 {
     value.clamp(min, max)
 }
 
-/// The effect with some values of the parameters of `form`.
-fn examples(
-    kind: &'static EffectKind,
-    form: &'static Form,
-) -> impl Iterator<Item = Effect> + use<> {
-    (0..EXAMPLES).map(move |number| {
-        let places = point(number, form.parameters.len());
-        let values = form.parameters.iter().zip(places);
-        let values = values.map(|(parameter, place)| usual(parameter, place));
-        let values = values.collect();
-        Effect { kind, form, values }
-    })
+/// The effect with its parameters at some places in their usual ranges.
+fn effect_at(kind: &'static EffectKind, form: &'static Form, places: &[f64]) -> Effect {
+    let values = form.parameters.iter().zip(places);
+    let values = values.map(|(parameter, place)| usual(parameter, *place));
+    let values = values.collect();
+    Effect { kind, form, values }
+}
+
+/// Places of the parameters of a form that cover their usual ranges.
+fn usual_places(form: &Form) -> Vec<Vec<f64>> {
+    let dimensions = form.parameters.len();
+    (0..EXAMPLES)
+        .map(|number| point(number, dimensions).collect())
+        .collect()
+}
+
+/// `places`, and with each parameter moved up and down.
+fn places_about(places: &[f64]) -> Vec<Vec<f64>> {
+    let mut about = vec![places.to_vec()];
+    for number in 0..places.len() {
+        for step in [-ABOUT, ABOUT] {
+            let mut moved = places.to_vec();
+            moved[number] += step;
+            about.push(moved);
+        }
+    }
+    about
 }
 
 /// Whether the effect occurs with either sign.
@@ -137,32 +162,148 @@ impl MuscleModel {
                 kinds.push(kind);
             }
         }
-        let signatures = kinds.into_par_iter();
-        let signatures =
-            signatures.filter_map(|kind| self.signature(&linearized, &modulations, kind));
-        let signatures: Vec<Signature> = signatures.collect();
-        let evidence = Evidence::new(&linearized.blocks, &linearized.common, &signatures);
-        let posterior = evidence.posterior()?.into_iter().map(|hypothesis| {
+        let alone: Vec<Made> = kinds
+            .par_iter()
+            .filter_map(|kind| self.made(&linearized, &modulations, kind, None))
+            .collect();
+        let evidence = |all: &[Made]| {
+            let signatures: Vec<Signature> = all.iter().map(|own| own.0.clone()).collect();
+            Evidence::new(&linearized.blocks, &linearized.common, &signatures)
+        };
+        let all = evidence(&alone);
+        let mut leading: Vec<(f64, usize)> = alone
+            .iter()
+            .enumerate()
+            .filter(|(_, own)| own.1.is_some())
+            .filter_map(|(number, _)| Some((all.solve(&[number], !0)?.log_evidence, number)))
+            .collect();
+        leading.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let leading = leading.into_iter().take(BESIDE);
+        let beside: Vec<(usize, Evidence)> = leading
+            .filter_map(|(_, number)| {
+                let first = alone[number].1.as_ref()?;
+                let made = self.made_beside(&linearized, &modulations, first, &alone)?;
+                Some((number, evidence(&made)))
+            })
+            .collect();
+        let posterior = all.posterior(&beside)?.into_iter().map(|hypothesis| {
             let effects = hypothesis.effects.iter();
-            let names = effects.map(|effect| signatures[*effect].of.effect);
+            let names = effects.map(|effect| alone[*effect].0.of.effect);
             (names.collect(), hypothesis)
         });
         Some(posterior.collect())
     }
 
-    /// The signature of an effect; `None` if it does not show.
+    /// The signature of an effect, beside `first` with its column; and the effect as it explains
+    /// the rows best, if it works on the gas alone.
+    fn made(
+        &self,
+        linearized: &Linearized,
+        modulations: &[Column],
+        kind: &'static EffectKind,
+        first: Option<(&Effect, &Column)>,
+    ) -> Option<Made> {
+        let own = self.form_in_gas(linearized, first, kind);
+        let fitted = own.as_ref().map(|(form, places)| (*form, &places[..]));
+        let signature = self.signature(linearized, modulations, kind, first, fitted)?;
+        let effect = own.map(|(form, places)| effect_at(kind, form, &places));
+        Some((signature, effect))
+    }
+
+    /// The signatures of effects as they are beside `first`: two effects of the gas do not add up,
+    /// as the second changes what the first left.
+    fn made_beside(
+        &self,
+        linearized: &Linearized,
+        modulations: &[Column],
+        first: &Effect,
+        alone: &[Made],
+    ) -> Option<Vec<Made>> {
+        let mut rig = linearized.rig.clone();
+        rig.effects.push(first.clone());
+        let mut candidates = self.candidates.iter();
+        let candidate = candidates.find(|own| own.effect == first.kind.name)?;
+        let column = self.change(linearized, &Column::new(), &rig, &candidate.blocks)?;
+        let beside = |own: &Made| {
+            let other = own.1.as_ref().map(|effect| effect.kind);
+            let other = other.filter(|kind| kind.name != first.kind.name);
+            let made = other
+                .and_then(|kind| self.made(linearized, modulations, kind, Some((first, &column))));
+            made.unwrap_or_else(|| own.clone())
+        };
+        Some(alone.par_iter().map(beside).collect())
+    }
+
+    /// The form of an effect of the gas alone that explains it best, beside `first` with its
+    /// column, and the places of its parameters; `None` for other effects.
+    fn form_in_gas(
+        &self,
+        linearized: &Linearized,
+        first: Option<(&Effect, &Column)>,
+        kind: &'static EffectKind,
+    ) -> Option<(&'static Form, Vec<f64>)> {
+        let candidate = self.candidates.iter().find(|own| own.effect == kind.name)?;
+        let gas = self.blocks.iter().position(|block| *block == GAS)?;
+        if candidate.blocks != [gas] {
+            return None;
+        }
+        let mut rows = linearized.blocks[gas].clone();
+        let none = Column::new();
+        let column = first.map_or(&none, |(_, column)| column);
+        let changes = column.get(gas).into_iter().flatten();
+        for (residual, change) in rows.residual.iter_mut().zip(changes) {
+            *residual -= change;
+        }
+        let common: Vec<&[f64]> = linearized.common.iter().map(|own| &own[gas][..]).collect();
+        let common: Vec<&[f64]> = common.into_iter().filter(|own| !own.is_empty()).collect();
+        let [amplitude, time_constant_s] = FIT_PROCESS;
+        let projected = Projected::new(&rows, &common, amplitude, time_constant_s);
+        let fits = kind.forms.iter().filter_map(|form| {
+            let simulated = |places: &[f64]| {
+                let mut rig = linearized.rig.clone();
+                rig.effects.extend(first.map(|(effect, _)| effect.clone()));
+                rig.effects.push(effect_at(kind, form, places));
+                let mut change = self.change(linearized, column, &rig, &[gas])?;
+                Some(std::mem::take(&mut change[gas]))
+            };
+            let (places, cost) = fitted_places(&projected, &usual_places(form), simulated)?;
+            Some((form, places, cost))
+        });
+        let best = fits.min_by(|a, b| a.2.total_cmp(&b.2))?;
+        Some((best.0, best.1))
+    }
+
+    /// The signature of an effect, beside `first` with its column, of examples about `fitted`
+    /// parameters or of all forms; `None` if it does not show.
     fn signature(
         &self,
         linearized: &Linearized,
         modulations: &[Column],
         kind: &'static EffectKind,
+        first: Option<(&Effect, &Column)>,
+        fitted: Option<(&'static Form, &[f64])>,
     ) -> Option<Signature> {
         let candidate = self.candidates.iter().find(|own| own.effect == kind.name)?;
-        let effects = kind.forms.iter().flat_map(|form| examples(kind, form));
-        let plain = effects.filter_map(|effect| {
+        let effects: Vec<Effect> = match fitted {
+            Some((form, places)) => places_about(places)
+                .iter()
+                .map(|places| effect_at(kind, form, places))
+                .collect(),
+            None => {
+                let forms = kind.forms.iter();
+                let all =
+                    forms.flat_map(|form| usual_places(form).into_iter().map(move |p| (form, p)));
+                all.map(|(form, places)| effect_at(kind, form, &places))
+                    .collect()
+            }
+        };
+        let none = Column::new();
+        let before = first.map_or(&none, |(_, column)| column);
+        let plain = effects.into_iter().filter_map(|effect| {
             let mut rig = linearized.rig.clone();
+            rig.effects.extend(first.map(|(effect, _)| effect.clone()));
             rig.effects.push(effect);
-            self.change(linearized, &rig, &candidate.blocks)
+            self.change(linearized, before, &rig, &candidate.blocks)
         });
         let mut columns: Vec<Column> = plain.collect();
         let plain = columns.len();
@@ -186,7 +327,13 @@ impl MuscleModel {
             signed: is_signed(kind),
             exact,
         };
-        Signature::new(of, &columns, plain, &linearized.blocks)
+        let mut signature = Signature::new(of, &columns, plain, &linearized.blocks)?;
+        if let Some((form, _)) = fitted {
+            // Each form and each place was as likely before.
+            let parameters = form.parameters.len() as f64;
+            signature.log_prior = parameters * (2.0 * ABOUT).ln() - (kind.forms.len() as f64).ln();
+        }
+        Some(signature)
     }
 
     /// The rig linearized about nominal values that are off by these standard deviations; its
@@ -220,7 +367,8 @@ impl MuscleModel {
         let columns = columns.map(|(number, touched)| {
             let mut moved = deviations.to_vec();
             moved[number] += STEP;
-            let mut column = self.change(&linearized, &self.fitted(&moved, []), touched)?;
+            let none = Column::new();
+            let mut column = self.change(&linearized, &none, &self.fitted(&moved, []), touched)?;
             column.iter_mut().flatten().for_each(|value| *value /= STEP);
             Some(column)
         });
@@ -238,8 +386,14 @@ impl MuscleModel {
     }
 
     /// How `rig` changes the compared rows of the blocks that it touches, against the linearized
-    /// one; `None` without a solution.
-    fn change(&self, from: &Linearized, rig: &Rig, touched: &[usize]) -> Option<Column> {
+    /// one with the changes `before`; `None` without a solution.
+    fn change(
+        &self,
+        from: &Linearized,
+        before: &Column,
+        rig: &Rig,
+        touched: &[usize],
+    ) -> Option<Column> {
         let mut column = vec![Vec::new(); self.blocks.len()];
         for block in touched {
             let changes = &mut column[*block];
@@ -254,6 +408,11 @@ impl MuscleModel {
                     let own = &from.residuals[*block][number];
                     changes.extend(rows.iter().map(|row| moved[*row] - own[*row]));
                 }
+            }
+        }
+        for (changes, before) in column.iter_mut().zip(before) {
+            for (change, before) in changes.iter_mut().zip(before) {
+                *change -= before;
             }
         }
         let mut changes = column.iter().flatten();
