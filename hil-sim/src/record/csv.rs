@@ -27,10 +27,18 @@ impl Record {
     /// # Errors
     /// The file cannot be read, or is not a record: see [`Record::parse`].
     pub fn read(path: &Path) -> Result<Record, BadInput> {
-        let name = path.display().to_string();
-        let bytes = std::fs::read(path)
-            .map_err(|error| BadInput::file(&name, format!("a readable CSV file, {error}")))?;
-        Record::parse(&name, &bytes)
+        Record::parse(&path.display().to_string(), &Record::read_bytes(path)?)
+    }
+
+    /// The bytes of the file at `path`, for [`Record::parse`].
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn read_bytes(path: &Path) -> Result<Vec<u8>, BadInput> {
+        std::fs::read(path).map_err(|error| {
+            let name = path.display().to_string();
+            BadInput::file(name, format!("a readable CSV file, {error}"))
+        })
     }
 
     /// Reads a record from the bytes of the file `name`.
