@@ -64,6 +64,7 @@ fn read(paths: &[PathBuf]) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
         // Once: a pipe cannot be read again.
         let bytes = Record::read_bytes(path)?;
         let record = Record::parse(&path.display().to_string(), &bytes)?;
+        record.check_names()?;
         Ok((record, Input::new(path, &bytes)))
     });
     read.collect()

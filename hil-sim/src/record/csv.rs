@@ -1,5 +1,6 @@
 //! Records as CSV: reading with the line of each row, and writing.
 
+use super::misnamed::misnamed_time;
 use super::{Cells, KNOWN, PRESSURE_REF_PA, Record, TIME_S, in_range};
 use crate::error::BadInput;
 use crate::output::{NotWritten, write_atomically};
@@ -225,9 +226,8 @@ fn columns(
         });
     }
     if columns.iter().all(Option::is_some) {
-        return Err(bad(
-            "a header line with a column `time_s`, found none".into()
-        ));
+        let none = || bad("a header line with a column `time_s`, found none".into());
+        return Err(misnamed_time(file, header.iter()).unwrap_or_else(none));
     }
     Ok(columns)
 }
