@@ -1,5 +1,6 @@
 //! The command line, run as a user runs it.
 
+use hil_sim::rig::Rig;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -234,6 +235,36 @@ fn refused(folder: &Path, args: &[&str]) -> String {
     assert_eq!(output.status.code(), Some(2), "{args:?}: {message}");
     assert_eq!(message.lines().count(), 1, "{args:?}: {message}");
     message
+}
+
+#[test]
+fn a_misspelled_column_is_refused_by_the_commands_that_would_miss_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("rig.toml"), Rig::REFERENCE_TOML).expect("written");
+    let good = "time_s,pressure_ref_pa\n0,1e5\n0.01,1e5\n";
+    std::fs::write(path.join("good.csv"), good).expect("written");
+    let simulate = "simulate --rig rig.toml --drive bad.csv --out sim.csv";
+    for (column, says) in [
+        ("presure_pa", "did you mean `pressure_pa`?"),
+        ("pressure_bar", "`hil-sim import bad.csv --map map.toml"),
+    ] {
+        let bad = format!("time_s,pressure_ref_pa,{column}\n0,1e5,1\n0.01,1e5,1\n");
+        std::fs::write(path.join("bad.csv"), bad).expect("written");
+        for command in [
+            "check bad.csv",
+            simulate,
+            "diagnose --rig rig.toml --fit bad.csv --validate good.csv --out out",
+            "diagnose --rig rig.toml --fit good.csv --validate bad.csv --out out",
+        ] {
+            let args: Vec<&str> = command.split(' ').collect();
+            let message = refused(path, &args);
+            let place = format!("hil-sim: bad.csv:1: column `{column}`: expected ");
+            assert!(message.starts_with(&place), "{message}");
+            assert!(message.contains(says), "{message}");
+        }
+        assert!(!path.join("out").exists() && !path.join("sim.csv").exists());
+    }
 }
 
 #[test]

@@ -278,10 +278,17 @@ fn assert_result_does_not_depend_on_threads(case: &truth::Case, effects: &[&str]
         for stage in found["stages"].as_array_mut().expect("stages") {
             assert!(stage["spent_s"].take().is_number());
         }
-        found
+        let rig = std::fs::read_to_string(bench.out().join("rig.fitted.toml"));
+        (found, rig.expect("a fitted rig"))
     };
     let one = diagnosis("1");
-    assert_eq!(names(&one), effects);
+    assert_eq!(names(&one.0), effects);
+    for name in ["rig.toml", "a.csv", "b.csv"] {
+        let lines = one.1.lines().take_while(|line| line.starts_with('#'));
+        let files = lines.filter(|line| line.ends_with(&format!("  {name}")));
+        assert_eq!(files.count(), 1, "{}", one.1);
+    }
+    hil_sim::rig::Rig::parse("rig.fitted.toml", &one.1).expect("a rig");
     assert_eq!(one, diagnosis("2"));
 }
 

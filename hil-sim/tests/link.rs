@@ -13,7 +13,7 @@ use hil_sim::bench::tick;
 use hil_sim::bench::view::View;
 use hil_sim::record::Record;
 use hil_sim::record::columns::Row;
-use hil_sim::record::mcap;
+use hil_sim::record::mcap::{self, Origin};
 use hil_sim::rig::Rig;
 use model_core::controller::Controller;
 use model_core::device::Command;
@@ -54,7 +54,7 @@ fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
         real_time: false,
         progress: |_, _, _| {},
     };
-    let recorder = Recorder::create(&path).unwrap();
+    let recorder = Recorder::create(&path, &Origin::default()).unwrap();
     let view = Mutex::new(View::default());
     let (ticks, report) = hil::run(&mut client, "run", &job, recorder, &view).unwrap();
     let mut controller = Controller::new(settings);
@@ -90,7 +90,11 @@ fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
 
 /// Runs `ticks` ticks of [`wander`] on `client`'s board and records them.
 fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Path) {
-    let mut recorder = Recorder::create(path).unwrap();
+    let origin = Origin {
+        rig: Some("none".into()),
+        seed: Some(u64::MAX),
+    };
+    let mut recorder = Recorder::create(path, &origin).unwrap();
     client.restart_in_loop().unwrap();
     for tick in 0..ticks {
         let sensors = wander(tick);
@@ -174,7 +178,7 @@ fn a_changed_output_is_found_with_its_size() {
     );
 }
 
-/// MCAP as others read it: the crate's own reader, summary, schema, every message.
+/// MCAP as others read it: the crate's own reader, summary, metadata, schema, every message.
 #[test]
 fn mcap_has_the_contents_that_viewers_need() {
     let folder = tempfile::tempdir().unwrap();
@@ -183,6 +187,23 @@ fn mcap_has_the_contents_that_viewers_need() {
     let bytes = std::fs::read(path.with_extension("mcap")).unwrap();
     let summary = ::mcap::Summary::read(&bytes).unwrap().expect("a summary");
     assert_eq!(summary.stats.expect("statistics").message_count, 120);
+    let [index] = &summary.metadata_indexes[..] else {
+        panic!("{:?}", summary.metadata_indexes);
+    };
+    let metadata = ::mcap::read::metadata(&bytes, index).unwrap();
+    let expected = [
+        ("rig", "none"),
+        ("seed", "18446744073709551615"),
+        ("version", env!("CARGO_PKG_VERSION")),
+    ];
+    assert_eq!(metadata.name, "hil-sim");
+    assert!(
+        metadata
+            .metadata
+            .iter()
+            .map(|(key, value)| (key.as_str(), value.as_str()))
+            .eq(expected)
+    );
     let mut messages = 0_u64;
     for message in ::mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
@@ -199,7 +220,18 @@ fn mcap_has_the_contents_that_viewers_need() {
             } else {
                 "string"
             };
-            assert_eq!(schema["properties"][name]["type"], expected, "{name}");
+            let property = &schema["properties"][name];
+            assert_eq!(property["type"], expected, "{name}");
+            assert_eq!(property["unit"].is_string(), value.is_number(), "{name}");
+            let description = property["description"].as_str().expect("a description");
+            let unit = property["unit"].as_str().map(|unit| format!(" [{unit}]"));
+            assert!(description.ends_with(&unit.unwrap_or_default()), "{name}");
+            // The unit at the end of a name is the unit of the schema.
+            for (ending, unit) in [("_pa", "Pa"), ("_n", "N"), ("_s", "s"), ("_m", "m")] {
+                if name.ends_with(ending) {
+                    assert_eq!(property["unit"], unit, "{name}");
+                }
+            }
         }
         assert_eq!(message.log_time, messages * 10_000_000);
         messages += 1;
@@ -292,7 +324,7 @@ fn a_recorded_rig_is_replayed_from_each_known_start() {
         .events
         .extend([(300, Event::Unplugged(20)), (500, Event::Reset)]);
     let mut client = client(board);
-    let mut recorder = Recorder::create(&path).unwrap();
+    let mut recorder = Recorder::create(&path, &Origin::default()).unwrap();
     let mut timeline = Timeline::new(reference(), Some(client.restart_in_loop().unwrap()));
     client.send(&ToDevice::Command(Command::LeaveHil)).unwrap();
     let mut told: Vec<Telemetry> = Vec::new();

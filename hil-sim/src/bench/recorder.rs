@@ -4,7 +4,7 @@ use crate::bench::instruments::valve_reference;
 use crate::bench::tick::TICK_S;
 use crate::output::NotWritten;
 use crate::record::columns::{COLUMNS, Cell, Row};
-use crate::record::mcap::McapWriter;
+use crate::record::mcap::{McapWriter, Origin};
 use model_core::link::{Source, Telemetry};
 use model_core::settings::Settings;
 use std::fs::File;
@@ -27,21 +27,22 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates the files `path` and, with the extension `.mcap`, another one beside it.
+    /// Creates the files `path` and, with the extension `.mcap`, another one beside it, which says
+    /// where the record comes from.
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn create(path: &Path) -> Result<Recorder, NotWritten> {
+    pub fn create(path: &Path, origin: &Origin) -> Result<Recorder, NotWritten> {
         let csv = File::create(path).map_err(|source| NotWritten::new(path, source))?;
         let mut block = csv::Writer::from_writer(Vec::new());
         // Writing to memory cannot fail.
-        let _ = block.write_record(COLUMNS.iter().map(|(name, ..)| name));
+        let _ = block.write_record(COLUMNS.iter().map(|column| column.name));
         let mut recorder = Recorder {
             csv_path: path.into(),
             csv,
             block,
             rows: 0,
-            mcap: McapWriter::create(&path.with_extension("mcap"))?,
+            mcap: McapWriter::create(&path.with_extension("mcap"), origin)?,
         };
         recorder.flush()?;
         Ok(recorder)
@@ -52,7 +53,7 @@ impl Recorder {
     /// # Errors
     /// The files cannot be written.
     pub fn push(&mut self, row: &Row) -> Result<(), NotWritten> {
-        let cells = COLUMNS.map(|(_, _, value)| value(row));
+        let cells = COLUMNS.map(|column| (column.value)(row));
         let words = cells.iter().map(|cell| match cell {
             Cell::Number(number) if number.is_finite() => number.to_string(),
             Cell::Missing | Cell::Number(_) => String::new(),

@@ -8,7 +8,7 @@ use crate::bench::board_settings;
 use crate::bench::error::Error;
 use crate::bench::port::client::{Client, LinkError, Transport};
 use crate::error::BadInput;
-use crate::record::columns::{COLUMNS, Cell, Row};
+use crate::record::columns::{COLUMNS, Cell, Column, Row};
 use crate::record::{self, Record};
 use model_core::controller::Controller;
 use model_core::io::{Output, Request, Sensors};
@@ -346,7 +346,12 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
         start_settings: None,
     };
     let mut differs = false;
-    for (column, _, value) in COLUMNS {
+    for Column {
+        name: column,
+        value,
+        ..
+    } in COLUMNS
+    {
         if !COMPARED.contains(&column) {
             continue;
         }

@@ -44,6 +44,7 @@ struct Summary<'a> {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let record = Record::read(&args.record)?;
+    record.check_names()?;
     let rig = args.rig.as_deref().map(Rig::read).transpose()?;
     let check = check(&record);
     let blocks = check.subsystems(&Catalogue::standard(), rig.as_ref());

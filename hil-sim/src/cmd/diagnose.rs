@@ -4,6 +4,7 @@ use super::Failure;
 use super::Progress;
 use hil_sim::error::BadInput;
 use hil_sim::identify::diagnosis::diagnose;
+use hil_sim::identify::provenance::{Input, with_provenance};
 use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
@@ -57,15 +58,24 @@ fn effect(name: &str) -> Result<String, String> {
     ))
 }
 
+/// The records at `paths`, and what the fitted rig says of their files.
+fn read(paths: &[PathBuf]) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
+    let read = paths.iter().map(|path| {
+        // Once: a pipe cannot be read again.
+        let bytes = Record::read_bytes(path)?;
+        let record = Record::parse(&path.display().to_string(), &bytes)?;
+        record.check_names()?;
+        Ok((record, Input::new(path, &bytes)))
+    });
+    read.collect()
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let text = Rig::read_text(&args.rig)?;
     let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
-    let read = |paths: &[PathBuf]| {
-        let records = paths.iter().map(|path| Record::read(path));
-        records.collect::<Result<Vec<_>, _>>()
-    };
-    let (fit, validate) = (read(&args.fit)?, read(&args.validate)?);
+    let (fit, fit_inputs) = read(&args.fit)?;
+    let (validate, validate_inputs) = read(&args.validate)?;
     for path in &args.validate {
         if args.fit.iter().any(|fitted| same_file(fitted, path)) {
             let file = path.display().to_string();
@@ -96,7 +106,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         pool.install(|| diagnose(&rig, &fit, &validate, &args.without, &watch))?
     };
     let rewritten = diagnosed.fitted.rewritten(&text);
-    let rewritten = rewritten.map_err(|error| rig.bad_file(&error.to_string()))?;
+    let rewritten = with_provenance(
+        &rewritten.map_err(|error| rig.bad_file(&error.to_string()))?,
+        diagnosed.diagnosis.verdict,
+        Input::new(&args.rig, text.as_bytes()),
+        [fit_inputs, validate_inputs],
+    );
     let json = serde_json::to_string_pretty(&diagnosed.diagnosis)
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;

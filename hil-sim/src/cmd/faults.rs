@@ -11,6 +11,7 @@ use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::report::{AblationSummary, Summary, report, report_ablation};
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
+use hil_sim::record::mcap::Origin;
 use rayon::prelude::*;
 
 /// Run the fault campaign: simulate one fault at a time in the closed loop, and check its bounds
@@ -134,7 +135,11 @@ fn run_with_hardware(
 fn run_one(args: &Args, common: &Common, number: u64) -> Result<bool, Failure> {
     let case = Case::new(args.seed, number);
     let path = common.path(&format!("fault-{number}.csv"))?;
-    let mut recorder = Recorder::create(&path)?;
+    let origin = Origin {
+        rig: Some(format!("{}, fault of case {number}", common.rig_name())),
+        seed: Some(args.seed),
+    };
+    let mut recorder = Recorder::create(&path, &origin)?;
     let mut written = Ok(());
     let outcome = run_case(&case, args.without, |tick| {
         if written.is_ok() {

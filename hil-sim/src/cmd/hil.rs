@@ -18,6 +18,7 @@ use hil_sim::bench::tracking::Tracking;
 use hil_sim::bench::view::View;
 use hil_sim::paper::valves;
 use hil_sim::record::Record;
+use hil_sim::record::mcap::Origin;
 use hil_sim::report::{Report, Section, Table};
 use serde::Serialize;
 use std::io::IsTerminal;
@@ -236,7 +237,14 @@ fn one(
     job: &Job,
 ) -> Result<Done, Failure> {
     let path = args.common.record_path(name)?;
-    let recorder = Recorder::create(&path)?;
+    let origin = Origin {
+        rig: Some(match args.common.is_reference() {
+            true => format!("{}, {name}", args.common.rig_name()),
+            false => args.common.rig_name(),
+        }),
+        seed: Some(job.run.seed),
+    };
+    let recorder = Recorder::create(&path, &origin)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;
     // Compares the board's record with the same controller on this PC.
     let record = Record::read(&path)?;

@@ -63,6 +63,12 @@ impl Common {
             .map_or_else(|| Ok(Rig::reference()), Rig::read)
     }
 
+    /// The rig as records name it: its file, or the paper's.
+    fn rig_name(&self) -> String {
+        let file = self.rig.as_deref().map(|path| path.display().to_string());
+        file.unwrap_or_else(|| "the paper's".into())
+    }
+
     /// True without --rig.
     fn is_reference(&self) -> bool {
         self.rig.is_none()

@@ -15,6 +15,7 @@ use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::record::Record;
 use hil_sim::record::columns::Row;
+use hil_sim::record::mcap::Origin;
 use hil_sim::rig::Rig;
 use model_core::device::Command;
 use model_core::error::SettingsError;
@@ -103,7 +104,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => valid(&board.port, Settings::new(values))?,
         Some(player) => allowed(args, &board.port, player, values)?,
     };
-    let mut recorder = Recorder::create(&args.out)?;
+    let mut recorder = Recorder::create(&args.out, &Origin::default())?;
     if *settings.values() != values {
         board.line.write_settings(settings.values())?;
     }
@@ -253,7 +254,11 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
         real_time: false,
     };
     let view = Mutex::new(View::new(&words, board.identity.cpu_hz));
-    let recorder = Recorder::create(&args.out)?;
+    let origin = Origin {
+        rig: Some(path.display().to_string()),
+        seed: Some(experiment.seed),
+    };
+    let recorder = Recorder::create(&args.out, &origin)?;
     let (ticks, report) = hil::run(&mut board.line, "experiment", &job, recorder, &view)?;
     let _ = board.line.leave();
     let last = ticks.last().map(|tick| tick.output);

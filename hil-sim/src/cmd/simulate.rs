@@ -72,6 +72,7 @@ fn check_outputs(args: &Args) -> Result<(), BadInput> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = Rig::read(&args.rig)?;
     let record = Record::read(&args.drive)?;
+    record.check_names()?;
     check_outputs(args)?;
     let simulated = {
         let progress = Progress::new("simulating", record.time_s().len() as u64);

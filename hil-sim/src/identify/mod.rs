@@ -7,6 +7,7 @@ pub mod hypotheses;
 mod initial;
 mod inputs;
 pub mod muscle;
+pub mod provenance;
 pub mod repeats;
 pub mod report;
 pub mod simulate;

@@ -1,4 +1,4 @@
-//! The columns of a record of a controller's ticks: each one's name, and its value in a row.
+//! The columns of a record of a controller's ticks: name, unit, description, and value in a row.
 
 use crate::record::{self, Record};
 use model_core::io::{Output, Sensors};
@@ -40,8 +40,43 @@ pub enum Cell {
     Text(String),
 }
 
-/// A column: its name, whether it holds text, and its value in a row.
-pub type Column = (&'static str, bool, fn(&Row) -> Cell);
+/// A column of a record of ticks.
+#[derive(Clone, Copy)]
+pub struct Column {
+    /// Its name.
+    pub name: &'static str,
+    /// The unit of its numbers; `None` if it holds text.
+    pub unit: Option<&'static str>,
+    /// What it holds.
+    pub description: &'static str,
+    /// Its value in a row.
+    pub value: fn(&Row) -> Cell,
+}
+
+/// A column of numbers.
+const fn number(
+    name: &'static str,
+    unit: &'static str,
+    description: &'static str,
+    value: fn(&Row) -> Cell,
+) -> Column {
+    Column {
+        name,
+        unit: Some(unit),
+        description,
+        value,
+    }
+}
+
+/// A column of text.
+const fn text(name: &'static str, description: &'static str, value: fn(&Row) -> Cell) -> Column {
+    Column {
+        name,
+        unit: None,
+        description,
+        value,
+    }
+}
 
 fn maybe(value: Option<f64>) -> Cell {
     value.map_or(Cell::Missing, Cell::Number)
@@ -60,79 +95,132 @@ fn hex(settings: &Settings) -> String {
 
 /// The columns of a record of ticks, in the file's order.
 pub const COLUMNS: [Column; 23] = [
-    (record::TIME_S, false, |row| Cell::Number(row.time_s)),
-    (record::PRESSURE_REF_PA, false, |row| {
-        Cell::Number(row.pressure_ref_pa)
+    number(record::TIME_S, "s", "Time of the sample", |row| {
+        Cell::Number(row.time_s)
     }),
-    (record::VALVE_OPEN, false, |row| {
-        maybe(row.shut.map(|shut| f64::from(!shut)))
-    }),
-    (record::PRESSURE_PA, false, |row| {
-        Cell::Number(row.output.pressure.0.into())
-    }),
-    (record::CONTRACTION, false, |row| {
+    number(
+        record::PRESSURE_REF_PA,
+        "Pa",
+        "Reference pressure sent to the valve (gauge), held until the next row",
+        |row| Cell::Number(row.pressure_ref_pa),
+    ),
+    number(
+        record::VALVE_OPEN,
+        "1",
+        "1 if the shut-off valve is open, 0 if it is to be shut",
+        |row| maybe(row.shut.map(|shut| f64::from(!shut))),
+    ),
+    number(
+        record::PRESSURE_PA,
+        "Pa",
+        "Measured muscle pressure (gauge)",
+        |row| Cell::Number(row.output.pressure.0.into()),
+    ),
+    number(record::CONTRACTION, "1", "Measured contraction", |row| {
         Cell::Number(row.output.contraction.into())
     }),
-    (record::FORCE_N, false, |row| {
+    number(record::FORCE_N, "N", "Muscle force", |row| {
         maybe(row.plant.map(|(force_n, _)| force_n))
     }),
-    (record::FINGER_M, false, |row| {
+    number(record::FINGER_M, "m", "Finger displacement", |row| {
         maybe(row.plant.map(|(_, finger_m)| finger_m))
     }),
-    (record::INPUT_FORCE_N, false, |row| {
+    number(record::INPUT_FORCE_N, "N", "Finger force", |row| {
         Cell::Number(row.output.finger_force_n.into())
     }),
-    (record::REFERENCE_FORCE_N, false, |row| {
-        Cell::Number(row.output.reference_force_n.into())
-    }),
-    (record::MODE, true, |row| {
+    number(
+        record::REFERENCE_FORCE_N,
+        "N",
+        "Reference force F_c of Eq 7",
+        |row| Cell::Number(row.output.reference_force_n.into()),
+    ),
+    text(record::MODE, "The controller's mode", |row| {
         Cell::Text(row.output.mode.name().into())
     }),
-    (record::FAULT, true, |row| match row.output.fault {
-        None => Cell::Missing,
-        Some(fault) => Cell::Text(fault.name().into()),
-    }),
-    (record::BRIDGE_COUNT, false, |row| {
-        Cell::Number(row.sensors.bridge.0.into())
-    }),
-    (record::PRESSURE_COUNT, false, |row| {
-        Cell::Number(row.sensors.pressure.0.into())
-    }),
-    (record::ENCODER_COUNT, false, |row| {
-        Cell::Number(row.sensors.encoder.0.into())
-    }),
-    (record::MISSED_TICKS, false, |row| {
-        Cell::Number(row.sensors.missed_ticks.into())
-    }),
-    (record::REQUEST, true, |row| {
+    text(
+        record::FAULT,
+        "The latched fault, empty if none",
+        |row| match row.output.fault {
+            None => Cell::Missing,
+            Some(fault) => Cell::Text(fault.name().into()),
+        },
+    ),
+    number(
+        record::BRIDGE_COUNT,
+        "ADC counts",
+        "Strain-gauge bridge as the controller read it",
+        |row| Cell::Number(row.sensors.bridge.0.into()),
+    ),
+    number(
+        record::PRESSURE_COUNT,
+        "ADC counts",
+        "Pressure sensor as the controller read it",
+        |row| Cell::Number(row.sensors.pressure.0.into()),
+    ),
+    number(
+        record::ENCODER_COUNT,
+        "counts",
+        "Encoder as the controller read it",
+        |row| Cell::Number(row.sensors.encoder.0.into()),
+    ),
+    number(
+        record::MISSED_TICKS,
+        "ticks",
+        "Ticks that were missed before this one",
+        |row| Cell::Number(row.sensors.missed_ticks.into()),
+    ),
+    text(record::REQUEST, "The request to the controller", |row| {
         Cell::Text(row.sensors.request.to_string())
     }),
-    (record::VALVE_COUNT, false, |row| {
-        Cell::Number(row.output.valve.get().into())
-    }),
-    (record::EXACT_PRESSURE_REF_PA, false, |row| {
-        Cell::Number(row.output.pressure_ref.0.into())
-    }),
-    (record::TICK, false, |row| {
-        maybe(row.board.map(|(tick, ..)| tick.into()))
-    }),
-    (record::SOURCE, true, |row| match row.board {
-        None => Cell::Missing,
-        Some((_, Source::Pins, _)) => Cell::Text("Pins".into()),
-        Some((_, Source::Link(_), _)) => Cell::Text("Link".into()),
-        Some((_, Source::Silence, _)) => Cell::Text("Silence".into()),
-    }),
-    (record::LATE_CYCLES, false, |row| {
-        maybe(row.board.map(|(.., timing)| timing.late_cycles.into()))
-    }),
-    (record::BUSY_CYCLES, false, |row| {
-        maybe(row.board.map(|(.., timing)| timing.busy_cycles.into()))
-    }),
-    (record::SETTINGS, true, |row| {
-        row.start_settings
-            .as_ref()
-            .map_or(Cell::Missing, |settings| Cell::Text(hex(settings)))
-    }),
+    number(
+        record::VALVE_COUNT,
+        "DAC counts",
+        "Valve output of the controller",
+        |row| Cell::Number(row.output.valve.get().into()),
+    ),
+    number(
+        record::EXACT_PRESSURE_REF_PA,
+        "Pa",
+        "Reference pressure before rounding to DAC counts (gauge)",
+        |row| Cell::Number(row.output.pressure_ref.0.into()),
+    ),
+    number(
+        record::TICK,
+        "ticks",
+        "The board's tick, counted since its reset",
+        |row| maybe(row.board.map(|(tick, ..)| tick.into())),
+    ),
+    text(
+        record::SOURCE,
+        "Source of the sensor values: Pins, Link or Silence",
+        |row| match row.board {
+            None => Cell::Missing,
+            Some((_, Source::Pins, _)) => Cell::Text("Pins".into()),
+            Some((_, Source::Link(_), _)) => Cell::Text("Link".into()),
+            Some((_, Source::Silence, _)) => Cell::Text("Silence".into()),
+        },
+    ),
+    number(
+        record::LATE_CYCLES,
+        "CPU cycles",
+        "Delay of the tick's start",
+        |row| maybe(row.board.map(|(.., timing)| timing.late_cycles.into())),
+    ),
+    number(
+        record::BUSY_CYCLES,
+        "CPU cycles",
+        "Duration of the previous tick",
+        |row| maybe(row.board.map(|(.., timing)| timing.busy_cycles.into())),
+    ),
+    text(
+        record::SETTINGS,
+        "At a restart of the controller: its settings as stored, in hexadecimal digits",
+        |row| {
+            row.start_settings
+                .as_ref()
+                .map_or(Cell::Missing, |settings| Cell::Text(hex(settings)))
+        },
+    ),
 ];
 
 /// The record of `rows`, without columns that have no value in any row.
@@ -141,12 +229,13 @@ pub const COLUMNS: [Column; 23] = [
 /// If there are no rows, or their times do not rise.
 pub fn record(rows: &[Row]) -> Record {
     let mut record = Record::new(rows.iter().map(|row| row.time_s).collect());
-    for (name, is_text, value) in &COLUMNS[1..] {
-        let cells: Vec<Cell> = rows.iter().map(value).collect();
-        if cells.iter().all(|cell| *cell == Cell::Missing) && *name != record::FAULT {
+    for column in &COLUMNS[1..] {
+        let name = column.name;
+        let cells: Vec<Cell> = rows.iter().map(column.value).collect();
+        if cells.iter().all(|cell| *cell == Cell::Missing) && name != record::FAULT {
             continue;
         }
-        if *is_text {
+        if column.unit.is_none() {
             let words = cells.into_iter().map(|cell| match cell {
                 Cell::Text(word) => word,
                 _ => String::new(),

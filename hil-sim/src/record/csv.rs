@@ -1,5 +1,6 @@
 //! Records as CSV: reading with the line of each row, and writing.
 
+use super::misnamed::misnamed_time;
 use super::{Cells, KNOWN, PRESSURE_REF_PA, Record, TIME_S, in_range};
 use crate::error::BadInput;
 use crate::output::{NotWritten, write_atomically};
@@ -27,10 +28,18 @@ impl Record {
     /// # Errors
     /// The file cannot be read, or is not a record: see [`Record::parse`].
     pub fn read(path: &Path) -> Result<Record, BadInput> {
-        let name = path.display().to_string();
-        let bytes = std::fs::read(path)
-            .map_err(|error| BadInput::file(&name, format!("a readable CSV file, {error}")))?;
-        Record::parse(&name, &bytes)
+        Record::parse(&path.display().to_string(), &Record::read_bytes(path)?)
+    }
+
+    /// The bytes of the file at `path`, for [`Record::parse`].
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn read_bytes(path: &Path) -> Result<Vec<u8>, BadInput> {
+        std::fs::read(path).map_err(|error| {
+            let name = path.display().to_string();
+            BadInput::file(name, format!("a readable CSV file, {error}"))
+        })
     }
 
     /// Reads a record from the bytes of the file `name`.
@@ -217,9 +226,8 @@ fn columns(
         });
     }
     if columns.iter().all(Option::is_some) {
-        return Err(bad(
-            "a header line with a column `time_s`, found none".into()
-        ));
+        let none = || bad("a header line with a column `time_s`, found none".into());
+        return Err(misnamed_time(file, header.iter()).unwrap_or_else(none));
     }
     Ok(columns)
 }

@@ -3,10 +3,10 @@
 
 use crate::error::BadInput;
 use crate::output::NotWritten;
-use crate::record::columns::{COLUMNS, Cell};
+use crate::record::columns::{COLUMNS, Cell, Column};
 use crate::record::{Record, TIME_S};
 use mcap::parse_record;
-use mcap::records::{MessageHeader, Record as McapRecord, op};
+use mcap::records::{MessageHeader, Metadata, Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::{McapError, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
@@ -20,6 +20,37 @@ const RECORD_LEN_MAX: usize = 1 << 26;
 /// The channel's name.
 const TOPIC: &str = "/assist";
 
+/// The name of the metadata.
+const METADATA: &str = "hil-sim";
+
+/// Where a record comes from, in its metadata beside the version of this program.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    /// The rig, if it is known: its file, or words.
+    pub rig: Option<String>,
+    /// The seed of random numbers, if there were any.
+    pub seed: Option<u64>,
+}
+
+impl Origin {
+    fn metadata(&self) -> Metadata {
+        let version = Some(env!("CARGO_PKG_VERSION").into());
+        let seed = self.seed.map(|seed| seed.to_string());
+        let entries = [
+            ("version", version),
+            ("rig", self.rig.clone()),
+            ("seed", seed),
+        ];
+        let entries = entries
+            .into_iter()
+            .filter_map(|(key, value)| Some((key.into(), value?)));
+        Metadata {
+            name: METADATA.into(),
+            metadata: entries.collect(),
+        }
+    }
+}
+
 /// Writes an MCAP file in chunks.
 pub struct McapWriter {
     path: String,
@@ -29,16 +60,17 @@ pub struct McapWriter {
 }
 
 impl McapWriter {
-    /// Creates the file at `path` with schema and channel.
+    /// Creates the file at `path` with metadata, schema and channel.
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn create(path: &Path) -> Result<McapWriter, NotWritten> {
+    pub fn create(path: &Path, origin: &Origin) -> Result<McapWriter, NotWritten> {
         let name = path.display().to_string();
         let begin = || {
             // Without seeking, each chunk is written whole and at once.
             let options = WriteOptions::new().compression(None).disable_seeking(true);
             let mut writer = options.create(BufWriter::new(File::create(path)?))?;
+            writer.write_metadata(&origin.metadata())?;
             let schema = schema().to_string();
             let schema = writer.add_schema("assist.Tick", "jsonschema", schema.as_bytes())?;
             let channel = writer.add_channel(schema, TOPIC, "json", &BTreeMap::new())?;
@@ -58,14 +90,15 @@ impl McapWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn push(&mut self, time_s: f64, cells: &[Cell]) -> Result<(), NotWritten> {
-        let fields = COLUMNS
-            .iter()
-            .zip(cells)
-            .filter_map(|((name, ..), cell)| match cell {
-                Cell::Missing => None,
-                Cell::Number(number) => Some((String::from(*name), json!(number))),
-                Cell::Text(word) => Some((String::from(*name), json!(word))),
-            });
+        let fields =
+            COLUMNS
+                .iter()
+                .zip(cells)
+                .filter_map(|(Column { name, .. }, cell)| match cell {
+                    Cell::Missing => None,
+                    Cell::Number(number) => Some((String::from(*name), json!(number))),
+                    Cell::Text(word) => Some((String::from(*name), json!(word))),
+                });
         let message = Value::Object(fields.collect()).to_string();
         let time_ns = (time_s * 1e9).round().max(0.0) as u64;
         let header = MessageHeader {
@@ -108,12 +141,19 @@ fn not_written(path: &str, error: McapError) -> NotWritten {
     NotWritten::new(path, source)
 }
 
-/// The JSON schema of a message.
+/// The JSON schema of a message. The unit is in the description too, as viewers do not know `unit`.
 fn schema() -> Value {
-    let property = |is_text: bool| json!({ "type": if is_text { "string" } else { "number" } });
+    let property = |column: &Column| match (column.unit, column.description) {
+        (None, text) => json!({ "type": "string", "description": text }),
+        (Some(unit), text) => json!({
+            "type": "number",
+            "description": format!("{text} [{unit}]"),
+            "unit": unit,
+        }),
+    };
     let properties: Map<String, Value> = COLUMNS
         .iter()
-        .map(|(name, is_text, _)| (String::from(*name), property(*is_text)))
+        .map(|column| (String::from(column.name), property(column)))
         .collect();
     json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -185,11 +225,11 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
     let bad = |expected: String| BadInput::file(name, expected);
     let messages = messages(bytes).map_err(|error| bad(format!("an MCAP file, {error}")))?;
     let mut csv = csv::Writer::from_writer(Vec::new());
-    let _ = csv.write_record(COLUMNS.iter().map(|(name, ..)| name));
+    let _ = csv.write_record(COLUMNS.iter().map(|column| column.name));
     for message in messages {
         let fields: Map<String, Value> = serde_json::from_slice(&message)
             .map_err(|error| bad(format!("messages in JSON, {error}")))?;
-        let cells = COLUMNS.iter().map(|(name, ..)| match fields.get(*name) {
+        let cells = COLUMNS.iter().map(|column| match fields.get(column.name) {
             Some(Value::String(word)) => word.clone(),
             Some(Value::Number(number)) => number.to_string(),
             _ => String::new(),

@@ -1,13 +1,15 @@
 //! Records: one run of one rig, as samples over time.
 //!
 //! Known columns are numbers in SI units, NaN where a sample is missing; an unknown column is kept
-//! as text. The file format is CSV: a header line, then one row per sample.
+//! as text ([`Record::check_names`] refuses misspelled ones). The file format is CSV: a header line, then one row per sample.
 
 pub mod check;
 pub mod columns;
 mod csv;
 pub mod import;
 pub mod mcap;
+mod misnamed;
+mod units;
 
 use crate::error::BadInput;
 pub(crate) use csv::{newlines, row_start};

@@ -5,7 +5,8 @@ use muscle_plant::effects::Effect;
 
 impl Rig {
     /// `text`, the rig's file, with the nominal values that have a tolerance and the effects of
-    /// this rig; comments and everything that stays the same are kept.
+    /// this rig; comments and everything that stays the same are kept. Changed values have the
+    /// fewest digits that read back as the same number.
     ///
     /// # Errors
     /// The text is not TOML.
@@ -19,9 +20,11 @@ impl Rig {
             let item = document
                 .get_mut(&tolerance.section)
                 .and_then(|section| section.get_mut(&tolerance.key));
-            if let (Some(value), Some(item)) = (value, item.and_then(|item| item.as_value_mut())) {
+            if let (Some(value), Some(item)) = (value, item.and_then(|item| item.as_value_mut()))
+                && item.as_float() != Some(value)
+            {
                 let decor = item.decor().clone();
-                *item = value.into();
+                *item = float_toml(value).parse().unwrap_or_else(|_| value.into());
                 *item.decor_mut() = decor;
             }
         }
@@ -48,6 +51,16 @@ impl Rig {
     }
 }
 
+/// The shortest decimal that reads back as `value`; scientific where the exponent is below −4 or
+/// above 5.
+fn float_toml(value: f64) -> String {
+    if value == 0.0 || (1e-4..1e6).contains(&value.abs()) {
+        format!("{value:?}")
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// The effect as a section of a rig file, which reads back as the same values.
 pub fn effect_toml(effect: &Effect) -> String {
     let mut text = format!("[[effect]]\nname = \"{}\"\n", effect.kind.name);
@@ -56,7 +69,7 @@ pub fn effect_toml(effect: &Effect) -> String {
         text += &format!("form = \"{}\"\n", effect.form.name);
     }
     for (parameter, value) in effect.form.parameters.iter().zip(&effect.values) {
-        text += &format!("{} = {value:?}\n", parameter.name);
+        text += &format!("{} = {}\n", parameter.name, float_toml(*value));
     }
     text
 }
@@ -72,13 +85,50 @@ mod tests {
             Rig::REFERENCE_TOML
         );
         let mut rig = Rig::parse("rig.toml", &text).expect("a rig");
-        assert_eq!(
-            rig.rewritten(&text).as_ref(),
-            Ok(&text.replace("3.7718e-3", "0.0037718"))
-        );
+        assert_eq!(rig.rewritten(&text).as_ref(), Ok(&text), "unchanged");
+        // A byte order mark would be refused below other text.
+        let marked = rig.rewritten(&format!("\u{feff}{text}"));
+        assert_eq!(marked.as_ref(), Ok(&text));
         *rig.value_mut("muscle", "alpha_m2").expect("the key") = 4e-3;
         let rewritten = rig.rewritten(&text).expect("TOML");
         assert_eq!(rewritten, text.replace("3.7718e-3", "0.004"));
+    }
+
+    #[test]
+    fn a_value_has_only_the_digits_that_read_back_as_the_same_number() {
+        let written = [
+            (8.428_792_370_084_272e-8, "8.428792370084272e-8"),
+            (-9.999e-5, "-9.999e-5"),
+            (1e-4, "0.0001"),
+            (-0.001_39, "-0.00139"),
+            (0.0, "0.0"),
+            (12.0, "12.0"),
+            (5e5, "500000.0"),
+            (1e6, "1e6"),
+        ];
+        for (value, text) in written {
+            assert_eq!(float_toml(value), text);
+        }
+        let text = format!(
+            "{}\n[tolerance.valve]\nflow_gain_kg_per_pa_s = 0.1\n",
+            Rig::REFERENCE_TOML
+        );
+        let mut rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let value = rig.value_mut("valve", "flow_gain_kg_per_pa_s");
+        *value.expect("the key") = written[0].0;
+        let rewritten = rig.rewritten(&text).expect("TOML");
+        let expected = format!("flow_gain_kg_per_pa_s = {}", written[0].1);
+        assert!(rewritten.contains(&expected), "{rewritten}");
+        let read = Rig::parse("rig.toml", &rewritten).expect("a rig");
+        assert_eq!(read.nominal.valve, rig.nominal.valve);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn a_value_reads_back_as_the_same_number(value in proptest::num::f64::NORMAL) {
+            let read: toml_edit::Value = float_toml(value).parse().expect("TOML");
+            proptest::prop_assert_eq!(read.as_float(), Some(value));
+        }
     }
 
     #[test]
