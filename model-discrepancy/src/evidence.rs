@@ -33,6 +33,9 @@ const TIME_CONSTANTS_S: [f64; 2] = [0.1, 1.0];
 const SIZES: [f64; 5] = [0.5, 2.0, 8.0, 32.0, 128.0];
 /// Share of an effect that the span of its signature may leave of a rig's law.
 const FORM_ERROR: f64 = 0.15;
+/// Standard deviations of its prior by which a weight may change to take the part of an effect, at
+/// the price of one base.
+const FAR: f64 = 3.0;
 /// Prior probabilities of a set of no effect, one, two and three.
 const SET_PRIOR: [f64; 4] = [0.3, 0.4, 0.2, 0.1];
 /// Prior probability of an unknown.
@@ -151,8 +154,7 @@ impl Block {
             .max(0.0)
     }
 
-    /// Mean square of what `own` columns do that `others`, with these prior precisions, do not: a
-    /// change of one by its standard deviation is worth one base.
+    /// Mean square of what `own` columns do that `others`, with these prior precisions, could not.
     fn mean_square_beyond(&self, own: &[(usize, f64)], others: &[(usize, f64)]) -> f64 {
         let product = |a: usize, b: usize| self.products[(a, b)];
         let matrix = DMatrix::from_fn(others.len(), others.len(), |i, j| {
