@@ -203,7 +203,13 @@ fn an_unknown_effect_cannot_be_removed() {
     let bench = Bench::new();
     let (status, message) = bench.run("b.csv", &["--without", "hysteria"]);
     let first = message.lines().next().unwrap_or_default().to_owned();
-    for words in ["--without", "hysteria", "expected one of hysteresis"] {
+    let nearest = "did you mean hysteresis?";
+    for words in [
+        "--without",
+        "hysteria",
+        "expected one of hysteresis",
+        nearest,
+    ] {
         assert!(first.contains(words), "{message}");
     }
     assert_eq!(status, Some(2));
