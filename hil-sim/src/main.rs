@@ -13,8 +13,10 @@ use std::process::ExitCode;
 ///
 /// Without a command it runs the paper's experiments and writes out/report.html.
 #[derive(Parser)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
+    #[command(flatten)]
+    paper: cmd::paper::Args,
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -65,8 +67,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        None => cmd::paper::run(&cmd::paper::Args::default()),
+    let cli = Cli::parse();
+    let result = match cli.command {
+        None => cmd::paper::run(&cli.paper),
         Some(Command::Run(args)) => cmd::run::run(&args),
         Some(Command::Hil(args)) => cmd::hil::run(&args),
         Some(Command::Record(args)) => cmd::record::run(&args),

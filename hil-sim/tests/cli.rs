@@ -77,6 +77,56 @@ fn the_text_output_contains_the_verdict() {
 }
 
 #[test]
+fn without_a_command_the_options_of_paper_apply() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let paper = json(folder.path(), &["paper", "--json"]);
+    assert_eq!(json(folder.path(), &["--json", "--out", "other"]), paper);
+    assert!(folder.path().join("other/report.html").exists());
+    let both = hil_sim(folder.path(), &["--json", "design"]);
+    assert_eq!(both.status.code(), Some(2));
+    let help = stdout(folder.path(), &["--help"]);
+    assert!(
+        help.contains("compare with the paper") && help.contains("--rig"),
+        "{help}"
+    );
+}
+
+#[test]
+fn a_case_of_the_fault_campaign_is_printed_as_text_or_json() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let args = ["faults", "--case", "1139"];
+    let words = stdout(path, &args);
+    assert!(words.contains("It violates none of its bounds."), "{words}");
+    let outcome = json(path, &[&args[..], &["--json"]].concat());
+    assert_eq!(outcome["case"], 1139);
+    let fault = outcome["fault"].as_str().expect("a name");
+    let reason = outcome["reason"].as_str().expect("a fault that latches");
+    let latched = format!(
+        "{reason} latched after {:.2} s",
+        number(&outcome["latched_after_s"])
+    );
+    let bounds = &outcome["bounds"];
+    let pressure = [&outcome["pressure_pa_max"], &bounds["pressure_pa"]];
+    let [highest, bound] = pressure.map(|pa| format!("{:.0} kPa", 1e-3 * number(pa)));
+    for shown in [fault, &latched, &highest, &bound] {
+        assert!(words.contains(shown), "{shown}: {words}");
+    }
+    assert!(path.join("out/fault-1139.csv").exists());
+    // The wire of the emergency stop breaks, and nothing sees it.
+    let output = hil_sim(
+        path,
+        &["faults", "--case", "62", "--without", "EmergencyStop"],
+    );
+    let words = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(
+        words.contains("It violates bounds: reason late."),
+        "{words}"
+    );
+}
+
+#[test]
 fn a_seed_reproduces_a_run_exactly() {
     let folder = tempfile::tempdir().expect("a folder");
     let record = |out: &str, seed: &str| {
