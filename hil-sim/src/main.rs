@@ -7,6 +7,7 @@ mod cmd;
 
 use clap::{Parser, Subcommand};
 use cmd::Failure;
+use muscle_plant::effects::Catalogue;
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
@@ -60,6 +61,8 @@ enum Command {
     Compensate(cmd::compensate::Args),
     /// Read the settings of a board, or store new ones on it
     Settings(cmd::settings::Args),
+    /// List the effects that a rig may have, or show one
+    Effects(cmd::effects::Args),
     /// Create and check rig files
     Rig(cmd::rig::Args),
     /// Print shell completions
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Compensate(args)) => cmd::compensate::run(&args),
         Some(Command::Settings(args)) => cmd::settings::run(&args),
+        Some(Command::Effects(args)) => cmd::effects::run(&args, &Catalogue::standard()),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

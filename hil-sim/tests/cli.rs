@@ -239,6 +239,7 @@ fn help_completions_and_bad_arguments() {
         "paper",
         "design",
         "simulate",
+        "effects",
         "rig",
         "completions",
     ] {
@@ -268,6 +269,44 @@ fn help_completions_and_bad_arguments() {
         assert_eq!(output.status.code(), Some(2), "{args:?}");
         assert!(!path.join("out").exists(), "nothing written: {args:?}");
     }
+}
+
+#[test]
+fn effects_are_listed_and_shown_with_lines_that_a_rig_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let kinds = json(path, &["effects", "--json"]);
+    let listed = stdout(path, &["effects"]);
+    let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
+    let catalogue = muscle_plant::effects::Catalogue::standard();
+    for (number, kind) in catalogue.kinds().enumerate() {
+        let shown = &kinds[number];
+        assert_eq!(shown["name"], kind.name);
+        assert_eq!(shown["signature"], kind.signature);
+        assert!(listed.contains(&format!("  {}  ", kind.name)), "{listed}");
+        for (number, form) in kind.forms.iter().enumerate() {
+            assert!(listed.contains(form.name), "{listed}");
+            let toml = text(&shown["forms"][number]["toml"]);
+            let rig = hil_sim::rig::Rig::REFERENCE_TOML.to_owned() + &toml;
+            let rig = hil_sim::rig::Rig::parse("rig.toml", &rig).expect("a rig");
+            let typical = form.parameters.iter().map(|parameter| parameter.typical);
+            assert_eq!(rig.effects[0].form.name, form.name);
+            assert_eq!(rig.effects[0].values, typical.collect::<Vec<_>>());
+        }
+    }
+    let leak = stdout(path, &["effects", "leak"]);
+    let shown = json(path, &["effects", "leak", "--json"]);
+    for key in ["subsystem", "signature", "test_signal", "compensation"] {
+        assert!(leak.contains(&text(&shown[key])), "{key}: {leak}");
+    }
+    for form in shown["forms"].as_array().expect("forms") {
+        for key in ["name", "source", "toml"] {
+            assert!(leak.contains(&text(&form[key])), "{key}: {leak}");
+        }
+    }
+    let row = "  conductance_kg_per_pa_s  kg/(Pa·s)  0.0   1e-6";
+    assert!(leak.contains(row), "{leak}");
+    assert!(refused(path, &["effects", "leek"]).contains("did you mean leak?"));
 }
 
 /// Runs it where no firmware or emulated board can be found; expects exit status 2 and one line.

@@ -6,6 +6,7 @@ pub mod compensate;
 pub mod completions;
 pub mod design;
 pub mod diagnose;
+pub mod effects;
 pub mod experiment;
 pub mod faults;
 pub mod hil;
