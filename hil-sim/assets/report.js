@@ -79,7 +79,8 @@
   const options = (plot, width) => {
     const style = getComputedStyle(root);
     const color = (name) => style.getPropertyValue(name).trim();
-    const lineColor = (u, line) => color(`--c${(line - 1) % 6}`);
+    const lineColor = (u, line) =>
+      color(`--${plot.series[line - 1]?.role ?? `c${(line - 1) % 6}`}`);
     const axis = (of, size) => ({
       label: named(of), stroke: color("--ink"), labelFont: FONT, font: FONT, labelSize: 20, size,
       // uPlot's own numbers end at the third decimal.

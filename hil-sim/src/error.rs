@@ -40,11 +40,45 @@ impl BadInput {
             expected: expected.into(),
         }
     }
+
+    /// This error and `other`, of the same file, as one.
+    #[must_use]
+    pub fn and(mut self, other: BadInput) -> BadInput {
+        self.expected += ";";
+        if let Some(line) = other.line {
+            self.expected += &format!(" line {line}:");
+        }
+        if let Some(place) = &other.place {
+            self.expected += &format!(" {place}:");
+        }
+        self.expected += &format!(" expected {}", other.expected);
+        self
+    }
 }
 
-/// `text` with everything that would break a line escaped, and cut to a readable length.
+/// What is expected where `found` is none of the `known` names.
+pub fn one_of(known: &[&str], found: &str) -> String {
+    let listed = known.join(", ");
+    format!("one of {listed}, found \"{found}\"") + &did_you_mean(found, known)
+}
+
+/// The `known` name that `found` was probably meant to be, as the end of a message; empty if there
+/// is none.
+pub(crate) fn did_you_mean(found: &str, known: &[&str]) -> String {
+    let edits = |known: &&&str| strsim::osa_distance(found, known);
+    let is_similar = |known: &&&str| {
+        // As rustc: a misspelling changes at most a third of the characters. A key without its
+        // unit is the start of the right one.
+        3 * edits(known) <= found.len().max(known.len()) || known.starts_with(found)
+    };
+    let nearest = known.iter().filter(is_similar).min_by_key(edits);
+    nearest.map_or_else(String::new, |name| format!(": did you mean {name}?"))
+}
+
+/// `text` with everything that would break a line escaped, and cut if a file made it endless.
 fn one_line(text: &str) -> String {
-    const LENGTH_MAX: usize = 300;
+    // Lists of names stay whole: the names of all effects have 320 characters.
+    const LENGTH_MAX: usize = 2000;
     let mut line = String::new();
     for character in text.chars().take(LENGTH_MAX) {
         if character.is_control() || character == '\u{2028}' || character == '\u{2029}' {

@@ -7,14 +7,17 @@ mod cmd;
 
 use clap::{Parser, Subcommand};
 use cmd::Failure;
+use muscle_plant::effects::Catalogue;
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
 ///
 /// Without a command it runs the paper's experiments and writes out/report.html.
 #[derive(Parser)]
-#[command(version, after_help = EXAMPLES)]
+#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
 struct Cli {
+    #[command(flatten)]
+    paper: cmd::paper::Args,
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -58,6 +61,8 @@ enum Command {
     Compensate(cmd::compensate::Args),
     /// Read the settings of a board, or store new ones on it
     Settings(cmd::settings::Args),
+    /// List the effects that a rig may have, or show one
+    Effects(cmd::effects::Args),
     /// Create and check rig files
     Rig(cmd::rig::Args),
     /// Print shell completions
@@ -65,8 +70,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        None => cmd::paper::run(&cmd::paper::Args::default()),
+    let cli = Cli::parse();
+    let result = match cli.command {
+        None => cmd::paper::run(&cli.paper),
         Some(Command::Run(args)) => cmd::run::run(&args),
         Some(Command::Hil(args)) => cmd::hil::run(&args),
         Some(Command::Record(args)) => cmd::record::run(&args),
@@ -84,6 +90,7 @@ fn main() -> ExitCode {
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Compensate(args)) => cmd::compensate::run(&args),
         Some(Command::Settings(args)) => cmd::settings::run(&args),
+        Some(Command::Effects(args)) => cmd::effects::run(&args, &Catalogue::standard()),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

@@ -78,6 +78,56 @@ fn the_text_output_contains_the_verdict() {
 }
 
 #[test]
+fn without_a_command_the_options_of_paper_apply() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let paper = json(folder.path(), &["paper", "--json"]);
+    assert_eq!(json(folder.path(), &["--json", "--out", "other"]), paper);
+    assert!(folder.path().join("other/report.html").exists());
+    let both = hil_sim(folder.path(), &["--json", "design"]);
+    assert_eq!(both.status.code(), Some(2));
+    let help = stdout(folder.path(), &["--help"]);
+    assert!(
+        help.contains("compare with the paper") && help.contains("--rig"),
+        "{help}"
+    );
+}
+
+#[test]
+fn a_case_of_the_fault_campaign_is_printed_as_text_or_json() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let args = ["faults", "--case", "1139"];
+    let words = stdout(path, &args);
+    assert!(words.contains("It violates none of its bounds."), "{words}");
+    let outcome = json(path, &[&args[..], &["--json"]].concat());
+    assert_eq!(outcome["case"], 1139);
+    let fault = outcome["fault"].as_str().expect("a name");
+    let reason = outcome["reason"].as_str().expect("a fault that latches");
+    let latched = format!(
+        "{reason} latched after {:.2} s",
+        number(&outcome["latched_after_s"])
+    );
+    let bounds = &outcome["bounds"];
+    let pressure = [&outcome["pressure_pa_max"], &bounds["pressure_pa"]];
+    let [highest, bound] = pressure.map(|pa| format!("{:.0} kPa", 1e-3 * number(pa)));
+    for shown in [fault, &latched, &highest, &bound] {
+        assert!(words.contains(shown), "{shown}: {words}");
+    }
+    assert!(path.join("out/fault-1139.csv").exists());
+    // The wire of the emergency stop breaks, and nothing sees it.
+    let output = hil_sim(
+        path,
+        &["faults", "--case", "62", "--without", "EmergencyStop"],
+    );
+    let words = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{words}");
+    assert!(
+        words.contains("It violates bounds: reason late."),
+        "{words}"
+    );
+}
+
+#[test]
 fn a_seed_reproduces_a_run_exactly() {
     let folder = tempfile::tempdir().expect("a folder");
     let record = |out: &str, seed: &str| {
@@ -190,6 +240,7 @@ fn help_completions_and_bad_arguments() {
         "paper",
         "design",
         "simulate",
+        "effects",
         "rig",
         "completions",
     ] {
@@ -219,6 +270,44 @@ fn help_completions_and_bad_arguments() {
         assert_eq!(output.status.code(), Some(2), "{args:?}");
         assert!(!path.join("out").exists(), "nothing written: {args:?}");
     }
+}
+
+#[test]
+fn effects_are_listed_and_shown_with_lines_that_a_rig_takes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let kinds = json(path, &["effects", "--json"]);
+    let listed = stdout(path, &["effects"]);
+    let text = |value: &serde_json::Value| value.as_str().expect("text").to_owned();
+    let catalogue = muscle_plant::effects::Catalogue::standard();
+    for (number, kind) in catalogue.kinds().enumerate() {
+        let shown = &kinds[number];
+        assert_eq!(shown["name"], kind.name);
+        assert_eq!(shown["signature"], kind.signature);
+        assert!(listed.contains(&format!("  {}  ", kind.name)), "{listed}");
+        for (number, form) in kind.forms.iter().enumerate() {
+            assert!(listed.contains(form.name), "{listed}");
+            let toml = text(&shown["forms"][number]["toml"]);
+            let rig = hil_sim::rig::Rig::REFERENCE_TOML.to_owned() + &toml;
+            let rig = hil_sim::rig::Rig::parse("rig.toml", &rig).expect("a rig");
+            let typical = form.parameters.iter().map(|parameter| parameter.typical);
+            assert_eq!(rig.effects[0].form.name, form.name);
+            assert_eq!(rig.effects[0].values, typical.collect::<Vec<_>>());
+        }
+    }
+    let leak = stdout(path, &["effects", "leak"]);
+    let shown = json(path, &["effects", "leak", "--json"]);
+    for key in ["subsystem", "signature", "test_signal", "compensation"] {
+        assert!(leak.contains(&text(&shown[key])), "{key}: {leak}");
+    }
+    for form in shown["forms"].as_array().expect("forms") {
+        for key in ["name", "source", "toml"] {
+            assert!(leak.contains(&text(&form[key])), "{key}: {leak}");
+        }
+    }
+    let row = "  conductance_kg_per_pa_s  kg/(Pa·s)  0.0   1e-6";
+    assert!(leak.contains(row), "{leak}");
+    assert!(refused(path, &["effects", "leek"]).contains("did you mean leak?"));
 }
 
 /// Runs it where no firmware or emulated board can be found; expects exit status 2 and one line.

@@ -249,3 +249,68 @@ fn malformed_effects_are_refused_with_line_and_key() {
         assert_refused(&lines, line, key, says);
     }
 }
+
+#[test]
+fn every_wrong_key_of_an_effect_is_in_one_error() {
+    let lines = "[[effect]]\nname = \"hysteresis\"\nform = \"duhem\"\nforce = 20\n\
+                 reach = \"far\"\nasymetry = 1\nbase_share = 9\nsharpness = 2\n";
+    let known = "name, form, force_n, reach, asymmetry, base_share";
+    let first = Rig::REFERENCE_TOML.lines().count() + 1;
+    let says = [
+        // The key without its unit, and one misspelt; nothing is like the third.
+        (
+            3,
+            "force",
+            format!("one of the keys {known}, found this: did you mean force_n?"),
+        ),
+        (
+            5,
+            "asymetry",
+            format!("one of the keys {known}, found this: did you mean asymmetry?"),
+        ),
+        (
+            7,
+            "sharpness",
+            format!("one of the keys {known}, found this"),
+        ),
+        (0, "force_n", "a number [N], found no such key".into()),
+        (4, "reach", "a number, found string".into()),
+        (0, "asymmetry", "a number [1], found no such key".into()),
+        (6, "base_share", "a number from 0e0 to 6e-1, found 9".into()),
+    ];
+    let says = says.map(|(line, key, expected)| {
+        format!("{}: key `effect.{key}`: expected {expected}", first + line)
+    });
+    let text = Rig::REFERENCE_TOML.to_owned() + lines;
+    let error = Rig::parse("rig.toml", &text).expect_err("malformed");
+    assert_eq!(
+        error.to_string(),
+        format!("rig.toml:{}", says.join("; line "))
+    );
+}
+
+#[test]
+fn a_misspelt_name_is_answered_with_all_names_and_the_nearest() {
+    let names: Vec<_> = Catalogue::standard()
+        .kinds()
+        .map(|kind| kind.name)
+        .collect();
+    let listed = format!("one of {}, found ", names.join(", "));
+    for (name, end) in [
+        ("leek", "\"leek\": did you mean leak?"),
+        ("valve_lag", "\"valve_lag\": did you mean valve-lag?"),
+        ("bakclash", "\"bakclash\": did you mean backlash?"),
+        ("hysteres", "\"hysteres\": did you mean hysteresis?"),
+        ("inertia", "\"inertia\""),
+    ] {
+        let text = format!("{}[[effect]]\nname = \"{name}\"\n", Rig::REFERENCE_TOML);
+        let error = Rig::parse("rig.toml", &text).expect_err("no such effect");
+        assert!(
+            error.to_string().ends_with(&(listed.clone() + end)),
+            "{error}"
+        );
+    }
+    let orifice = "[[effect]]\nname = \"leak\"\nform = \"orifce\"\n";
+    let says = "one of linear, orifice, power, found \"orifce\": did you mean orifice?";
+    assert_refused(orifice, 2, "effect.form", says);
+}

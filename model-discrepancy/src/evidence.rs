@@ -158,7 +158,11 @@ impl Block {
     fn mean_square_beyond(&self, own: &[(usize, f64)], others: &[(usize, f64)]) -> f64 {
         let product = |a: usize, b: usize| self.products[(a, b)];
         let matrix = DMatrix::from_fn(others.len(), others.len(), |i, j| {
-            let price = if i == j { others[i].1 } else { 0.0 };
+            let price = if i == j {
+                others[i].1 / (FAR * FAR)
+            } else {
+                0.0
+            };
             product(others[i].0, others[j].0) + price
         });
         let with =

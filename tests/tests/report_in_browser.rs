@@ -10,7 +10,7 @@ use hil_sim::identify::report::report as diagnosis_report;
 use hil_sim::identify::simulate::simulate;
 use hil_sim::paper::paper;
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
-use hil_sim::report::{Plot, Report, Series};
+use hil_sim::report::{Plot, Report, Role, Series};
 use hil_sim::rig::Rig;
 use muscle_plant::effects::Catalogue;
 use rand_distr::{Distribution, Normal};
@@ -454,6 +454,49 @@ fn assert_sample(plot: &Plot, series: &Series, x: f64, shown: f64) {
 fn every_line_of_every_plot_is_drawn() {
     in_browser(|page, report| {
         page.assert_drawn(report);
+    });
+}
+
+#[test]
+#[ignore = "needs Chromium"]
+fn a_role_has_one_colour_in_all_plots_and_their_legends() {
+    in_browser(|page, report| {
+        let colors = page.evaluate(
+            "charts().map((chart) => chart.series.slice(1).map((series, place) => {
+               const marks = chart.root.querySelectorAll('.u-legend .u-marker');
+               const legend = getComputedStyle(marks[place + 1]).borderTopColor;
+               const line = series.stroke(chart, place + 1);
+               return [line, legend].map((css) => rgba(css).join());
+             }))",
+        );
+        let colors: Vec<Vec<[String; 2]>> = serde_json::from_value(colors).expect("colours");
+        let mut of_roles: Vec<(Role, &String)> = Vec::new();
+        for (plot, colors) in plots(report).into_iter().zip(&colors) {
+            for (series, [line, legend]) in plot.series.iter().zip(colors) {
+                assert_eq!(line, legend, "{}: {}", plot.title, series.name);
+                of_roles.extend(series.role.map(|role| (role, line)));
+            }
+        }
+        let color_of = |role: Role| {
+            let of_role = of_roles.iter().filter(|(known, _)| *known == role);
+            let colors: HashSet<&String> = of_role.map(|(_, color)| *color).collect();
+            assert_eq!(colors.len(), 1, "{role:?}: {colors:?}");
+            colors
+        };
+        let roles = [Role::Measured, Role::Nominal, Role::Fitted].map(color_of);
+        assert_eq!(roles.iter().flatten().collect::<HashSet<_>>().len(), 3);
+        // The gap of a rig, on the right, has the colour of the rig, on the left.
+        for plot in plots(report) {
+            for series in &plot.series {
+                let role = match series.name.as_str() {
+                    "measured" => Role::Measured,
+                    "nominal rig" => Role::Nominal,
+                    "fitted rig" => Role::Fitted,
+                    _ => continue,
+                };
+                assert_eq!(series.role, Some(role), "{}", plot.title);
+            }
+        }
     });
 }
 

@@ -37,5 +37,5 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         masses_kg: args.mass.clone(),
     };
     let (report, summary) = design_report(&rig, &question)?;
-    args.common.finish(report, &summary)
+    args.common.results.finish(report, &summary)
 }

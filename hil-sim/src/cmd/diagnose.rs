@@ -2,7 +2,7 @@
 
 use super::Failure;
 use super::Progress;
-use hil_sim::error::BadInput;
+use hil_sim::error::{BadInput, one_of};
 use hil_sim::identify::diagnosis::diagnose;
 use hil_sim::identify::provenance::{Input, with_provenance};
 use hil_sim::identify::report;
@@ -10,6 +10,7 @@ use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
 use hil_sim::rig::Rig;
 use model_discrepancy::verdict::Step;
+use muscle_plant::effects::Catalogue;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
@@ -46,16 +47,12 @@ pub struct Args {
 }
 
 fn effect(name: &str) -> Result<String, String> {
-    let names = muscle_plant::effects::Catalogue::standard()
-        .kinds()
-        .map(|kind| kind.name);
-    if names.clone().any(|known| known == name) {
+    let kinds = Catalogue::standard().kinds();
+    let known: Vec<_> = kinds.map(|kind| kind.name).collect();
+    if known.contains(&name) {
         return Ok(name.into());
     }
-    Err(format!(
-        "expected one of {}",
-        names.collect::<Vec<_>>().join(", ")
-    ))
+    Err(format!("expected {}", one_of(&known, name)))
 }
 
 /// The records at `paths`, and what the fitted rig says of their files.

@@ -1,14 +1,14 @@
 //! `hil-sim faults`.
 
 use super::Failure;
-use super::{Common, Progress, print};
+use super::{Progress, REFERENCE_RIG, Results};
 use hil_sim::bench::recorder::Recorder;
-use hil_sim::error::BadInput;
+use hil_sim::error::{BadInput, one_of};
 use hil_sim::faults::ablation::SafetyFunction;
 use hil_sim::faults::campaign::{run_all, run_case};
 use hil_sim::faults::kind::{KINDS, Kind, LimitedBy};
 use hil_sim::faults::outcome::Outcome;
-use hil_sim::faults::report::{AblationSummary, Summary, report, report_ablation};
+use hil_sim::faults::report::{AblationSummary, Summary, report, report_ablation, report_case};
 use hil_sim::faults::{Case, Hardware};
 use hil_sim::output::write_atomically;
 use hil_sim::record::mcap::Origin;
@@ -29,12 +29,8 @@ Examples:
   hil-sim faults --case 1139 --without SpeedTrip
   hil-sim faults --without-each --cases 6200    the need of each safety function")]
 pub struct Args {
-    /// Folder for the report and records, created if it does not exist
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: std::path::PathBuf,
-    /// Print a machine-readable summary instead of text
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    results: Results,
     /// Number of cases
     #[arg(long, default_value_t = 23_000,
         value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
@@ -56,7 +52,7 @@ pub struct Args {
 fn function(name: &str) -> Result<SafetyFunction, String> {
     SafetyFunction::from_name(name).ok_or_else(|| {
         let names = SafetyFunction::ALL.map(SafetyFunction::name);
-        format!("expected one of {}", names.join(", "))
+        format!("expected {}", one_of(&names, name))
     })
 }
 
@@ -66,16 +62,12 @@ const WITH_HARDWARE: u64 = 40;
 /// Runs the command; true if no case violates its bounds.
 pub fn run(args: &Args) -> Result<bool, Failure> {
     eprintln!("seed: {}", args.seed);
-    let common = Common {
-        out: args.out.clone(),
-        json: args.json,
-        ..Common::default()
-    };
+    let results = &args.results;
     if let Some(number) = args.case {
-        return run_one(args, &common, number);
+        return run_one(args, number);
     }
     if args.without_each {
-        return without_each(args, &common);
+        return without_each(args);
     }
     let outcomes = run_cases(args, args.without)?;
     let mut with_hardware = Vec::new();
@@ -91,11 +83,11 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
         with_hardware.push((kind, by_hardware));
     }
     let summary = Summary::new(args.seed, outcomes, &with_hardware);
-    let path = common.path("faults.json")?;
+    let path = results.path("faults.json")?;
     let json = serde_json::to_vec_pretty(&summary).unwrap_or_default();
     write_atomically(&path, &json)?;
     let all_within = summary.violating == 0;
-    common.finish(report(&summary), &summary.without_cases())?;
+    results.finish(report(&summary), &summary.without_cases())?;
     eprintln!("cases: {}", path.display());
     Ok(all_within)
 }
@@ -109,14 +101,15 @@ fn run_cases(args: &Args, without: Option<SafetyFunction>) -> Result<Vec<Outcome
 }
 
 /// Runs the campaign without each safety function; true if each time a case violates a bound.
-fn without_each(args: &Args, common: &Common) -> Result<bool, Failure> {
+fn without_each(args: &Args) -> Result<bool, Failure> {
     let mut summaries = Vec::new();
     for function in SafetyFunction::ALL {
         let outcomes = run_cases(args, Some(function))?;
         summaries.push(AblationSummary::new(function, &outcomes));
     }
     let all_needed = summaries.iter().all(|summary| summary.violating > 0);
-    common.finish(report_ablation(args.seed, &summaries), &summaries)?;
+    let report = report_ablation(args.seed, &summaries);
+    args.results.finish(report, &summaries)?;
     Ok(all_needed)
 }
 
@@ -132,11 +125,11 @@ fn run_with_hardware(
     run_all(cases, None, || {})
 }
 
-fn run_one(args: &Args, common: &Common, number: u64) -> Result<bool, Failure> {
+fn run_one(args: &Args, number: u64) -> Result<bool, Failure> {
     let case = Case::new(args.seed, number);
-    let path = common.path(&format!("fault-{number}.csv"))?;
+    let path = args.results.path(&format!("fault-{number}.csv"))?;
     let origin = Origin {
-        rig: Some(format!("{}, fault of case {number}", common.rig_name())),
+        rig: Some(format!("{REFERENCE_RIG}, fault of case {number}")),
         seed: Some(args.seed),
     };
     let mut recorder = Recorder::create(&path, &origin)?;
@@ -149,7 +142,7 @@ fn run_one(args: &Args, common: &Common, number: u64) -> Result<bool, Failure> {
     let outcome = outcome?;
     written?;
     recorder.finish()?;
-    print(&(serde_json::to_string_pretty(&outcome).unwrap_or_default() + "\n"))?;
+    args.results.print(&report_case(&outcome), &outcome)?;
     eprintln!("record: {}, and as MCAP beside it", path.display());
     Ok(outcome.violations.is_empty())
 }

@@ -98,7 +98,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => vec![("assist", rig)],
     };
     for (name, _) in &rigs {
-        let record = args.common.out.join(super::record_name(name));
+        let record = args.common.results.out.join(super::record_name(name));
         args.scenario.refuse_overwriting(&record)?;
     }
     let mut board = connect(args.port.as_deref())?;
@@ -236,7 +236,7 @@ fn one(
     name: &str,
     job: &Job,
 ) -> Result<Done, Failure> {
-    let path = args.common.record_path(name)?;
+    let path = args.common.results.record_path(name)?;
     let origin = Origin {
         rig: Some(match args.common.is_reference() {
             true => format!("{}, {name}", args.common.rig_name()),
@@ -338,5 +338,5 @@ fn finish(args: &Args, board: String, done: Vec<Done>) -> Result<(), Failure> {
         board,
         runs: summaries,
     };
-    args.common.finish(report, &summary)
+    args.common.results.finish(report, &summary)
 }

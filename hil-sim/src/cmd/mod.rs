@@ -6,6 +6,7 @@ pub mod compensate;
 pub mod completions;
 pub mod design;
 pub mod diagnose;
+pub mod effects;
 pub mod experiment;
 pub mod faults;
 pub mod hil;
@@ -32,28 +33,14 @@ use std::path::PathBuf;
 /// Why a command ended early.
 pub type Failure = hil_sim::bench::error::Error;
 
-/// Arguments for the rig and the output folder.
+/// Arguments for the rig and the results.
 #[derive(clap::Args)]
 pub struct Common {
     /// The rig; the paper's if omitted (see `hil-sim rig new`)
     #[arg(long, value_name = "RIG")]
     rig: Option<PathBuf>,
-    /// Folder for the report and records, created if it does not exist
-    #[arg(long, value_name = "DIR", default_value = "out")]
-    out: PathBuf,
-    /// Print a machine-readable summary instead of text
-    #[arg(long)]
-    json: bool,
-}
-
-impl Default for Common {
-    fn default() -> Self {
-        Common {
-            rig: None,
-            out: "out".into(),
-            json: false,
-        }
-    }
+    #[command(flatten)]
+    results: Results,
 }
 
 impl Common {
@@ -66,14 +53,30 @@ impl Common {
     /// The rig as records name it: its file, or the paper's.
     fn rig_name(&self) -> String {
         let file = self.rig.as_deref().map(|path| path.display().to_string());
-        file.unwrap_or_else(|| "the paper's".into())
+        file.unwrap_or_else(|| REFERENCE_RIG.into())
     }
 
     /// True without --rig.
     fn is_reference(&self) -> bool {
         self.rig.is_none()
     }
+}
 
+/// How records name the rig that is used without --rig.
+const REFERENCE_RIG: &str = "the paper's";
+
+/// Arguments for the results: files in a folder, and a summary on stdout.
+#[derive(clap::Args)]
+pub struct Results {
+    /// Folder for the report and records, created if it does not exist
+    #[arg(long, value_name = "DIR", default_value = "out")]
+    out: PathBuf,
+    /// Print a machine-readable summary instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+impl Results {
     /// The path of a result file; creates its folder.
     fn path(&self, file: &str) -> Result<PathBuf, BadInput> {
         std::fs::create_dir_all(&self.out).map_err(|error| {
@@ -88,16 +91,21 @@ impl Common {
         self.path(&record_name(name))
     }
 
-    /// Writes report.html and prints the summary, as text or JSON.
+    /// Prints the summary, as the report's text or as JSON.
+    fn print(&self, report: &Report, summary: &impl Serialize) -> Result<(), NotWritten> {
+        if self.json {
+            print_json(summary)
+        } else {
+            print(&report.to_text())
+        }
+    }
+
+    /// Writes report.html and prints the summary.
     fn finish(&self, mut report: Report, summary: &impl Serialize) -> Result<(), Failure> {
         let path = self.path("report.html")?;
         report.repeat = vec![this_command()];
         write_atomically(&path, report.to_html().as_bytes())?;
-        if self.json {
-            print_json(summary)?;
-        } else {
-            print(&report.to_text())?;
-        }
+        self.print(&report, summary)?;
         eprintln!("report: {}", path.display());
         Ok(())
     }

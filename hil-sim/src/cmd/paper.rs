@@ -7,7 +7,7 @@ use hil_sim::bench::tick::record;
 use hil_sim::paper::paper;
 
 /// Compare the simulation with the paper's figures and numbers
-#[derive(clap::Args, Default)]
+#[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   hil-sim paper
@@ -22,8 +22,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = args.common.rig()?;
     let (report, summary, runs) = paper(&rig, &Run::PAPER)?;
     for run in &runs {
-        let path = args.common.record_path(&run.name)?;
+        let path = args.common.results.record_path(&run.name)?;
         record(&run.settings, &run.ticks).write(&path)?;
     }
-    args.common.finish(report, &summary)
+    args.common.results.finish(report, &summary)
 }

@@ -158,7 +158,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         runs: Vec::new(),
     };
     for run in &runs {
-        let path = common.record_path(&run.name)?;
+        let path = common.results.record_path(&run.name)?;
         args.scenario.refuse_overwriting(&path)?;
         record(&run.settings, &run.ticks).write(&path)?;
         summary.runs.push(RunSummary {
@@ -181,7 +181,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }],
         repeat: Vec::new(),
     };
-    common.finish(report, &summary)
+    common.results.finish(report, &summary)
 }
 
 /// Both of the paper's valves, or the rig's.

@@ -440,6 +440,68 @@ fn cases_table(summary: &Summary) -> Table {
     }
 }
 
+/// One case as a report.
+pub fn report_case(outcome: &Outcome) -> Report {
+    let bounds = &outcome.bounds;
+    let speed = |m_per_s: f64| format!("{m_per_s:.2} m/s");
+    let height = |m: f64| format!("{:.0} mm", 1e3 * m);
+    let pressure = |pa: f64| format!("{:.0} kPa", 1e-3 * pa);
+    let row = |name: &str, highest, bound| vec![name.into(), highest, bound];
+    let table = Table {
+        caption: "Highest values after the fault".into(),
+        columns: ["after the fault", "highest", "bound"]
+            .map(String::from)
+            .into(),
+        rows: vec![
+            row(
+                "speed up",
+                speed(outcome.speed_up_m_per_s_max),
+                speed(bounds.speed_up_m_per_s),
+            ),
+            row(
+                "speed down",
+                speed(outcome.speed_down_m_per_s_max),
+                speed(bounds.speed_down_m_per_s),
+            ),
+            row(
+                "height",
+                height(outcome.height_m_max),
+                height(bounds.height_m),
+            ),
+            row(
+                "pressure",
+                pressure(outcome.pressure_pa_max),
+                pressure(bounds.pressure_pa),
+            ),
+        ],
+    };
+    let latched = match (outcome.reason, outcome.latched_after_s) {
+        (Some(reason), Some(after_s)) => format!("{} latched after {after_s:.2} s", reason.name()),
+        (Some(reason), None) => format!("{} latched", reason.name()),
+        (None, _) => "no fault latched".into(),
+    };
+    Report {
+        title: format!("Case {} of the fault campaign", outcome.case),
+        verdict: vec![
+            match outcome.violations.as_slice() {
+                [] => "It violates none of its bounds.".into(),
+                violations => format!("It violates bounds: {}.", violations.join(", ")),
+            },
+            format!(
+                "Fault: {}, {:?}, {:.2} s.",
+                outcome.fault, outcome.moment, outcome.fault_s
+            ),
+            format!("Controller: {latched}, final mode {}.", outcome.mode.name()),
+        ],
+        sections: vec![Section {
+            heading: "Motion and pressure".into(),
+            tables: vec![table],
+            ..Section::default()
+        }],
+        repeat: Vec::new(),
+    }
+}
+
 /// The campaign as a report.
 pub fn report(summary: &Summary) -> Report {
     let section = |heading: &str, text: &str, table| Section {

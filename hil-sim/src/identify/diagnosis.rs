@@ -292,14 +292,14 @@ fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> 
     let blocks = model.blocks().len();
     // Where effects explain most, one block alone may be left.
     if choice.left.len() == blocks && blocks > 1 && choice.share < SHARE {
-        warnings.push("every equation is off: is this the rig of these records?".into());
+        warnings.push("every equation is off: the records may be of another rig".into());
     }
     for value in calibrated
         .iter()
         .filter(|value| value.deviation.abs() > FAR)
     {
         warnings.push(format!(
-            "{} is off by {:.1} of its standard deviations: is this the rig of these records?",
+            "{} is off by {:.1} of its standard deviations: the records may be of another rig",
             value.key, value.deviation
         ));
     }

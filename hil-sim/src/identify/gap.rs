@@ -1,7 +1,7 @@
 //! The gap between a simulated record and the measured one.
 
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
-use crate::report::{Axis, Plot, Report, Section, Series, Table};
+use crate::report::{Axis, Plot, Report, Role, Section, Series, Table};
 use muscle_plant::simulation::Simulated;
 use serde::Serialize;
 
@@ -113,11 +113,13 @@ pub fn report(measured: &Record, simulated: &Record, gaps: &[Gap]) -> Report {
             sync: Some("gap".into()),
         };
         let lines = vec![
-            Series::thinned("measured", time_s, measured),
-            Series::thinned("simulated", time_s, simulated).dashed(),
+            Series::thinned("measured", time_s, measured).role(Role::Measured),
+            Series::thinned("simulated", time_s, simulated)
+                .role(Role::Nominal)
+                .dashed(),
         ];
         plots.push(plot(format!("Measured and simulated {name}"), lines));
-        let gap = Series::thinned("simulated − measured", time_s, &differences);
+        let gap = Series::thinned("simulated − measured", time_s, &differences).role(Role::Nominal);
         plots.push(plot(format!("Gap in {name}"), vec![gap]));
     }
     let columns = ["signal", "RMS of the gap", "largest", "measured range"];

@@ -3,7 +3,7 @@
 use super::diagnosis::{self, Diagnosed, Diagnosis, Named};
 use crate::identify::gap::{SIGNALS, significant};
 use crate::record::Record;
-use crate::report::{Axis, Plot, Report, Section, Series, Table};
+use crate::report::{Axis, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
 use model_discrepancy::verdict::Verdict;
 
@@ -153,16 +153,23 @@ fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> 
             markers: Vec::new(),
             sync: Some(format!("validation {number}")),
         };
-        let gap = |name: &str, is: &[f64]| {
+        let gap = |name: &str, role: Role, is: &[f64]| {
             let gap: Vec<f64> = is.iter().zip(was).map(|(is, was)| is - was).collect();
-            Series::thinned(name, time_s, &gap)
+            Series::thinned(name, time_s, &gap).role(role)
         };
         let lines = vec![
-            Series::thinned("measured", time_s, was),
-            Series::thinned("nominal rig", time_s, nominal).dashed(),
-            Series::thinned("fitted rig", time_s, fitted).dashed(),
+            Series::thinned("measured", time_s, was).role(Role::Measured),
+            Series::thinned("nominal rig", time_s, nominal)
+                .role(Role::Nominal)
+                .dashed(),
+            Series::thinned("fitted rig", time_s, fitted)
+                .role(Role::Fitted)
+                .dashed(),
         ];
-        let gaps = vec![gap("nominal rig", nominal), gap("fitted rig", fitted)];
+        let gaps = vec![
+            gap("nominal rig", Role::Nominal, nominal),
+            gap("fitted rig", Role::Fitted, fitted),
+        ];
         Some([
             plot(format!("Validation record {number}: {label}"), lines),
             plot(format!("Its gap in {label}, simulated − measured"), gaps),
@@ -192,8 +199,8 @@ fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
         x: Axis::new(before.coordinate, unit, factor),
         y: Axis::new("residual", "σ", 1.0),
         series: vec![
-            line("nominal, calibrated", before),
-            line("fitted", after).dashed(),
+            line("nominal, calibrated", before).role(Role::Nominal),
+            line("fitted", after).role(Role::Fitted).dashed(),
         ],
         markers: Vec::new(),
         sync: None,

@@ -86,6 +86,18 @@ impl Axis {
     }
 }
 
+/// What a line shows; it has the same colour in all plots of all reports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Role {
+    /// A measurement.
+    Measured,
+    /// The simulation with the nominal or the given rig, or its residual.
+    Nominal,
+    /// The simulation with the fitted rig, or its residual.
+    Fitted,
+}
+
 /// A line of a plot.
 #[derive(Clone, Debug, Serialize)]
 pub struct Series {
@@ -99,6 +111,8 @@ pub struct Series {
     pub y: Vec<f64>,
     /// Whether it is dashed, as references and models are.
     pub dashed: bool,
+    /// What it shows; a line without a role is coloured by its place in the plot.
+    pub role: Option<Role>,
 }
 
 impl Series {
@@ -109,6 +123,7 @@ impl Series {
             x,
             y,
             dashed: false,
+            role: None,
         }
     }
 
@@ -129,6 +144,14 @@ impl Series {
             }
         }
         thinned
+    }
+
+    /// The same line with a role.
+    pub fn role(self, role: Role) -> Series {
+        Series {
+            role: Some(role),
+            ..self
+        }
     }
 
     /// The same line, dashed.

@@ -2,7 +2,7 @@
 
 use super::keys::{self, Key};
 use super::{Rig, Tolerance};
-use crate::error::BadInput;
+use crate::error::{BadInput, did_you_mean, one_of};
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
@@ -83,15 +83,18 @@ impl<'a> Section<'a> {
         }
     }
 
+    /// An error for each key of the table other than `known`.
+    fn unknown(&self, known: &[&str]) -> impl Iterator<Item = BadInput> {
+        let keys = self.table.iter().map(|(key, _)| key);
+        keys.filter(|key| !known.contains(key)).map(|key| {
+            let expected = format!("one of the keys {}, found this", known.join(", "));
+            self.bad(key, expected + &did_you_mean(key, known))
+        })
+    }
+
     /// Refuses a table that has a key other than `known`.
     fn only(&self, known: &[&str]) -> Result<(), BadInput> {
-        match self.table.iter().find(|(key, _)| !known.contains(key)) {
-            None => Ok(()),
-            Some((key, _)) => Err(self.bad(
-                key,
-                format!("one of the keys {}, found this", known.join(", ")),
-            )),
-        }
+        self.unknown(known).next().map_or(Ok(()), Err)
     }
 
     /// A number from `min` to `max`, if the table has `key`.
@@ -370,8 +373,7 @@ fn effect(section: &Section) -> Result<Effect, BadInput> {
     let catalogue = &section.file.catalogue;
     let Some(kind) = catalogue.find(name) else {
         let known: Vec<_> = catalogue.kinds().map(|kind| kind.name).collect();
-        let expected = format!("one of {}, found \"{name}\"", known.join(", "));
-        return Err(section.bad("name", expected));
+        return Err(section.bad("name", one_of(&known, name)));
     };
     let form = match section.table.contains_key("form") {
         false => &kind.forms[0],
@@ -379,24 +381,28 @@ fn effect(section: &Section) -> Result<Effect, BadInput> {
             let name = section.word("form")?;
             kind.form(name).ok_or_else(|| {
                 let known: Vec<_> = kind.forms.iter().map(|form| form.name).collect();
-                let expected = format!("one of {}, found \"{name}\"", known.join(", "));
-                section.bad("form", expected)
+                section.bad("form", one_of(&known, name))
             })?
         }
     };
     let mut known = vec!["name", "form"];
     known.extend(form.parameters.iter().map(|parameter| parameter.name));
-    section.only(&known)?;
+    let mut errors: Vec<_> = section.unknown(&known).collect();
     let mut values = Vec::new();
     for parameter in form.parameters {
-        let value = section.optional(parameter.name, parameter.min, parameter.max)?;
-        let missing = || {
-            let expected = format!("a number [{}], found no such key", parameter.unit);
-            section.bad(parameter.name, expected)
-        };
-        values.push(value.ok_or_else(missing)?);
+        match section.optional(parameter.name, parameter.min, parameter.max) {
+            Ok(Some(value)) => values.push(value),
+            Ok(None) => {
+                let expected = format!("a number [{}], found no such key", parameter.unit);
+                errors.push(section.bad(parameter.name, expected));
+            }
+            Err(error) => errors.push(error),
+        }
     }
-    Ok(Effect { kind, form, values })
+    match errors.into_iter().reduce(BadInput::and) {
+        Some(error) => Err(error),
+        None => Ok(Effect { kind, form, values }),
+    }
 }
 
 #[cfg(test)]

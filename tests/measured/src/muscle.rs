@@ -4,7 +4,7 @@ use crate::{Found, Outcome, set_of, word};
 use hil_sim::error::BadInput;
 use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
 use hil_sim::record::{FORCE_N, Record};
-use hil_sim::report::{Axis, Plot, Series};
+use hil_sim::report::{Axis, Plot, Role, Series};
 use hil_sim::rig::Rig;
 use muscle_plant::effects::Catalogue;
 use std::path::Path;
@@ -276,9 +276,11 @@ fn plots(measured: &Record, alone: &Record, full: &Record) -> Vec<Plot> {
         x: Axis::new("time", "s", 1.0),
         y: Axis::new("force", "N", 1.0),
         series: vec![
-            line("measured", measured),
-            line("Eq 1 alone, calibrated", alone).dashed(),
-            line("as fitted", full).dashed(),
+            line("measured", measured).role(Role::Measured),
+            line("Eq 1 alone, calibrated", alone)
+                .role(Role::Nominal)
+                .dashed(),
+            line("as fitted", full).role(Role::Fitted).dashed(),
         ],
         markers: Vec::new(),
         sync: None,
