@@ -182,7 +182,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time,contraction\n0,0\n",
-        ":1: expected a header line with a column `time_s`",
+        ":1: column `time`: expected the name of a known column: did you mean `time_s`?",
     ),
     (
         "0,1\n0.01,1\n",

@@ -1,7 +1,8 @@
 //! Records: one run of one rig, as samples over time.
 //!
 //! Known columns are numbers in SI units, NaN where a sample is missing; an unknown column is kept
-//! as text ([`Record::check_names`] refuses misspelled ones). The file format is CSV: a header line, then one row per sample.
+//! as text ([`Record::check_names`] refuses misspelled ones). The file format is CSV: a header
+//! line, then one row per sample.
 
 pub mod check;
 pub mod columns;

@@ -27,7 +27,7 @@ const EXAMPLES: usize = 6;
 /// Distance of the examples about fitted parameters, in usual ranges.
 const ABOUT: f64 = 0.05;
 /// Effects of the gas beside which the signatures of the others are made anew.
-const BESIDE: usize = 3;
+const BESIDE: usize = 2;
 /// The process while a form is fitted \[base, s\].
 const FIT_PROCESS: [f64; 2] = [4.0, 0.1];
 /// Factor between the typical value of a parameter and the ends of its usual range.
