@@ -87,21 +87,9 @@ impl<F: FnMut(&[f64]) -> Option<Vec<f64>>> Problem for Fit<'_, F> {
     }
 
     fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes> {
-        let rows = residuals.values.len();
-        let mut values = DMatrix::zeros(rows, x.len());
-        for (place, mut column) in values.column_iter_mut().enumerate() {
-            // Towards the middle, so that it stays in the range.
-            let step = if x[place] > PRIOR[0] { -STEP } else { STEP };
-            let mut moved = x.clone();
-            moved[place] += step;
-            let moved = self.residuals(&moved)?;
-            let pairs = moved.values.iter().zip(&residuals.values);
-            for (slope, (moved, base)) in column.iter_mut().zip(pairs) {
-                *slope = (moved - base) / step;
-            }
-        }
-        let slack = DMatrix::zeros(rows, x.len());
-        Some(Slopes { values, slack })
+        // Towards the middle, so that it stays in the range.
+        let step = |x: f64| if x > PRIOR[0] { -STEP } else { STEP };
+        Slopes::by_differences(x, residuals, step, |moved| self.residuals(moved))
     }
 
     fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {

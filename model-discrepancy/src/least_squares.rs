@@ -114,6 +114,30 @@ pub struct Slopes {
 }
 
 impl Slopes {
+    /// Of values without slack: difference quotients about `x`, where the residuals are
+    /// `residuals`, with a step for each value of a coordinate. `None` where `moved_to` has none.
+    pub fn by_differences(
+        x: &DVector<f64>,
+        residuals: &Residuals,
+        step: impl Fn(f64) -> f64,
+        mut moved_to: impl FnMut(&DVector<f64>) -> Option<Residuals>,
+    ) -> Option<Slopes> {
+        let rows = residuals.values.len();
+        let mut values = DMatrix::zeros(rows, x.len());
+        for (place, mut column) in values.column_iter_mut().enumerate() {
+            let step = step(x[place]);
+            let mut moved = x.clone();
+            moved[place] += step;
+            let moved = moved_to(&moved)?;
+            let pairs = moved.values.iter().zip(&residuals.values);
+            for (slope, (moved, base)) in column.iter_mut().zip(pairs) {
+                *slope = (moved - base) / step;
+            }
+        }
+        let slack = DMatrix::zeros(rows, x.len());
+        Some(Slopes { values, slack })
+    }
+
     /// What lies outside at `residuals`, and its slopes, 0 inside, by the roots of their weights:
     /// the least squares that touch the loss there.
     pub fn weighted(&self, residuals: &Residuals) -> (DVector<f64>, DMatrix<f64>) {

@@ -96,6 +96,17 @@ pub enum Verdict {
     Unexplained,
 }
 
+impl Verdict {
+    /// Its name, as in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Explained => "explained",
+            Verdict::Unexplained => "unexplained",
+            Verdict::Consistent => "consistent",
+        }
+    }
+}
+
 /// What was chosen.
 pub struct Choice {
     /// The verdict.

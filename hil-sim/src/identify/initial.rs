@@ -17,7 +17,7 @@ use model_discrepancy::least_squares::{
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::sensors::Reading;
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DVector, Matrix3, Vector3};
 use std::ops::ControlFlow;
 
 /// Length of the record's beginning that is used \[s\].
@@ -327,19 +327,7 @@ impl Problem for Fit<'_> {
     }
 
     fn slopes(&mut self, x: &DVector<f64>, residuals: &Residuals) -> Option<Slopes> {
-        let rows = residuals.values.len();
-        let mut values = DMatrix::zeros(rows, x.len());
-        for (place, mut column) in values.column_iter_mut().enumerate() {
-            let mut moved = x.clone();
-            moved[place] += STEP;
-            let moved = self.residuals(&moved)?;
-            let pairs = moved.values.iter().zip(&residuals.values);
-            for (slope, (moved, base)) in column.iter_mut().zip(pairs) {
-                *slope = (moved - base) / STEP;
-            }
-        }
-        let slack = DMatrix::zeros(rows, x.len());
-        Some(Slopes { values, slack })
+        Slopes::by_differences(x, residuals, |_| STEP, |moved| self.residuals(moved))
     }
 
     /// Of the temperature, which is the last coordinate; the others have none.

@@ -39,11 +39,7 @@ pub fn with_provenance(
     rig: Input,
     [fit, validate]: [Vec<Input>; 2],
 ) -> String {
-    let verdict = match verdict {
-        Verdict::Consistent => "consistent",
-        Verdict::Explained => "explained",
-        Verdict::Unexplained => "unexplained",
-    };
+    let verdict = verdict.name();
     let version = env!("CARGO_PKG_VERSION");
     let mut text = format!("# Fitted by hil-sim {version} diagnose. Verdict: {verdict}.\n");
     let groups = [

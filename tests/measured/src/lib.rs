@@ -81,7 +81,7 @@ impl Outcome {
 
     /// Adds the result of a model other than the muscle's.
     fn chosen<M: Model>(&mut self, model: &M, choice: &Choice, published: &[(&str, &'static str)]) {
-        self.verdict = word(choice.verdict).into();
+        self.verdict = choice.verdict.name().into();
         if choice.verdict != Verdict::Explained {
             return;
         }
@@ -101,14 +101,6 @@ impl Outcome {
                 alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
             });
         }
-    }
-}
-
-fn word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Consistent => "consistent",
-        Verdict::Explained => "explained",
-        Verdict::Unexplained => "unexplained",
     }
 }
 

@@ -1,6 +1,6 @@
 //! Pneumatic muscles on a bench, and similar actuators.
 
-use crate::{Found, Outcome, set_of, word};
+use crate::{Found, Outcome, set_of};
 use hil_sim::error::BadInput;
 use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
 use hil_sim::record::{FORCE_N, Record};
@@ -222,7 +222,7 @@ impl Set {
             calibrated: gap_alone.after,
             after: gap.after,
             noise: gap.noise,
-            verdict: word(diagnosis.verdict).into(),
+            verdict: diagnosis.verdict.name().into(),
             effects: found(&full),
             remains: match remaining.places.is_empty() {
                 true => String::new(),

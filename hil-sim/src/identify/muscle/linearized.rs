@@ -194,6 +194,13 @@ impl MuscleModel {
         Some(posterior.collect())
     }
 
+    /// The blocks that an effect changes; `None` if no record can show it.
+    fn touched(&self, kind: &EffectKind) -> Option<&[usize]> {
+        let mut candidates = self.candidates.iter();
+        let candidate = candidates.find(|own| own.effect == kind.name)?;
+        Some(&candidate.blocks)
+    }
+
     /// The signature of an effect, beside `first` with its column; and the effect as it explains
     /// the rows best, if it works on the gas alone.
     fn made(
@@ -221,9 +228,8 @@ impl MuscleModel {
     ) -> Option<Vec<Made>> {
         let mut rig = linearized.rig.clone();
         rig.effects.push(first.clone());
-        let mut candidates = self.candidates.iter();
-        let candidate = candidates.find(|own| own.effect == first.kind.name)?;
-        let column = self.change(linearized, &Column::new(), &rig, &candidate.blocks)?;
+        let touched = self.touched(first.kind)?;
+        let column = self.change(linearized, &Column::new(), &rig, touched)?;
         let beside = |own: &Made| {
             let other = own.1.as_ref().map(|effect| effect.kind);
             let other = other.filter(|kind| kind.name != first.kind.name);
@@ -242,9 +248,8 @@ impl MuscleModel {
         first: Option<(&Effect, &Column)>,
         kind: &'static EffectKind,
     ) -> Option<(&'static Form, Vec<f64>)> {
-        let candidate = self.candidates.iter().find(|own| own.effect == kind.name)?;
         let gas = self.blocks.iter().position(|block| *block == GAS)?;
-        if candidate.blocks != [gas] {
+        if self.touched(kind)? != [gas] {
             return None;
         }
         let mut rows = linearized.blocks[gas].clone();
@@ -283,7 +288,7 @@ impl MuscleModel {
         first: Option<(&Effect, &Column)>,
         fitted: Option<(&'static Form, &[f64])>,
     ) -> Option<Signature> {
-        let candidate = self.candidates.iter().find(|own| own.effect == kind.name)?;
+        let touched = self.touched(kind)?;
         let effects: Vec<Effect> = match fitted {
             Some((form, places)) => places_about(places)
                 .iter()
@@ -303,7 +308,7 @@ impl MuscleModel {
             let mut rig = linearized.rig.clone();
             rig.effects.extend(first.map(|(effect, _)| effect.clone()));
             rig.effects.push(effect);
-            self.change(linearized, before, &rig, &candidate.blocks)
+            self.change(linearized, before, &rig, touched)
         });
         let mut columns: Vec<Column> = plain.collect();
         let plain = columns.len();
