@@ -8,6 +8,7 @@
 
 mod along;
 mod begin;
+mod between;
 mod force;
 mod kernel;
 mod linearized;
@@ -24,6 +25,7 @@ use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Rig, Tolerance};
 use begin::{UNKNOWNS, begun_best};
+use between::between_pa;
 use force::{Force, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use model_discrepancy::evidence::Blocks;
@@ -33,6 +35,7 @@ use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement
 use muscle_plant::nominal::Load;
 pub use prepared::Noise;
 use prepared::Prepared;
+use rayon::prelude::*;
 use residuals::{balances, force_residuals, gas_residuals, measured_n};
 use serde::Serialize;
 
@@ -132,7 +135,10 @@ impl MuscleModel {
         let has = |name: &str| records().all(|record| record.column(name).is_some());
         let bench = rig.nominal.load == Load::Prescribed && has(FORCE_N);
         let repeatability_n = force_repeatability_n(records().filter(|_| bench));
-        let prepared = Prepared::all(rig, records(), repeatability_n)?;
+        let mut prepared = Prepared::all(rig, records(), repeatability_n)?;
+        prepared
+            .par_iter_mut()
+            .for_each(|record| record.between_pa = between_pa(record, rig));
         let moves = prepared.iter().any(|record| record.contraction_moves);
         let mut blocks = Vec::new();
         if has(PRESSURE_REF_PA) && rig.nominal.valve.is_some() {

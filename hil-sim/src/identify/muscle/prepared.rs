@@ -156,6 +156,9 @@ pub(super) struct Prepared {
     pub(super) pressure_span: Span,
     pub(super) force_span: Span,
     pub(super) contraction_moves: bool,
+    /// Of each row: by how much the mean pressure about it is above that of straight lines between
+    /// the rows \[Pa\]; empty where that is not known.
+    pub(super) between_pa: Vec<f64>,
     /// Its effects are settled as it begins.
     pub(super) settled: bool,
     /// What is doubtful about it.
@@ -284,6 +287,7 @@ impl Prepared {
             pressure_span: Span::of(&checked, PRESSURE_PA),
             force_span: Span::of(&checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
+            between_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
             warnings,
         };
@@ -308,8 +312,11 @@ impl Prepared {
         // Surely one way only where all of the neighbourhood goes that way.
         let surely: Vec<f64> = (0..time_s.len())
             .map(|row| {
+                // Between two samples it may have turned.
                 let from = time_s.partition_point(|t| *t < time_s[row] - TURN_S);
+                let from = from.min(row.saturating_sub(1));
                 let to = time_s.partition_point(|t| *t <= time_s[row] + TURN_S);
+                let to = to.max(row + 2).min(time_s.len());
                 let own = prepared.directions[row];
                 let agree = prepared.directions[from..to].iter().all(|d| *d == own);
                 if agree { own } else { 0.0 }

@@ -244,8 +244,10 @@ pub(super) fn balances_and_masses(
             };
             let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
             let (least_n, most_n) = forces_n[row];
+            let between_pa = record.between_pa.get(row).copied().unwrap_or(0.0);
+            let between_n = rig.nominal.muscle.force_per_pressure_m2(contraction[row]) * between_pa;
             [
-                0.5 * (least_n + most_n) + lifting_n - weight_n - middle_n,
+                0.5 * (least_n + most_n) + between_n + lifting_n - weight_n - middle_n,
                 reach_n + doubt_n + 0.5 * (most_n - least_n),
                 weight.mass_kg,
             ]

@@ -1,0 +1,185 @@
+//! The pressure between the rows of a record.
+//!
+//! A reference that is written at each row makes the pressure rise and settle between rows. Readings
+//! at the rows alone all see the same part of that: taken to be straight in between, the pressure
+//! is late by up to half an interval, which looks like a damping of the load. The simulated valve
+//! tells how it went.
+
+use super::prepared::Prepared;
+use super::residuals::pressures_pa;
+use crate::identify::inputs::Inputs;
+use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN};
+use crate::rig::Rig;
+use muscle_plant::nominal::Load;
+
+/// Half a part of an interval is at most so long \[s\]: below the time constant of valve and muscle.
+const HALF_PART_S: f64 = 0.005;
+/// An interval of more parts is a gap.
+const PARTS_MAX: usize = 20;
+
+/// By how much the mean pressure about each row is above that of straight lines between the rows
+/// \[Pa\]; empty without a reference.
+pub(super) fn between_pa(record: &Prepared, rig: &Rig) -> Vec<f64> {
+    record
+        .gas
+        .as_ref()
+        .and_then(|gas| bows_pa(gas, rig))
+        .map_or(Vec::new(), |bows_pa| {
+            let time_s = record.measured.time_s();
+            let length_s = |row: usize| time_s[row + 1] - time_s[row];
+            let share = |row: usize| {
+                let last = time_s.len() - 1;
+                let before = row.checked_sub(1);
+                let after = (row < last).then_some(row);
+                let both = || before.into_iter().chain(after);
+                let area: f64 = both().map(|own| bows_pa[own] * length_s(own)).sum();
+                area / both().map(length_s).sum::<f64>()
+            };
+            (0..time_s.len()).map(share).collect()
+        })
+}
+
+/// The mean of the simulated pressure above the straight line through its ends, in each interval
+/// between rows.
+fn bows_pa(gas: &Record, rig: &Rig) -> Option<Vec<f64>> {
+    let time_s = gas.time_s();
+    let parts: Vec<usize> = time_s
+        .windows(2)
+        .map(|pair| 2 * ((pair[1] - pair[0]) / (2.0 * HALF_PART_S)).ceil().max(1.0) as usize)
+        .map(|parts| if parts > PARTS_MAX { 1 } else { parts })
+        .collect();
+    let contraction = gas.column(CONTRACTION)?;
+    let mut fine_s = Vec::new();
+    let mut origin = Vec::new();
+    let mut fine_contraction = Vec::new();
+    for (row, parts) in parts.iter().enumerate() {
+        let length_s = time_s[row + 1] - time_s[row];
+        for part in 0..*parts {
+            let share = part as f64 / *parts as f64;
+            fine_s.push(time_s[row] + share * length_s);
+            origin.push((row, part == 0));
+            fine_contraction.push(cubic(time_s, contraction, row, share));
+        }
+    }
+    let last = time_s.len() - 1;
+    fine_s.push(time_s[last]);
+    origin.push((last, true));
+    fine_contraction.push(contraction[last]);
+    let read_pa = gas.column(PRESSURE_PA)?;
+    let at_rows = |values: &[f64]| -> Vec<f64> {
+        let value = |(row, is_row): &(usize, bool)| if *is_row { values[*row] } else { f64::NAN };
+        origin.iter().map(value).collect()
+    };
+    let held = |values: &[f64]| origin.iter().map(|(row, _)| values[*row]).collect();
+    let mut fine = Record::new(fine_s);
+    fine.set(CONTRACTION, fine_contraction);
+    fine.set(PRESSURE_PA, at_rows(read_pa));
+    fine.set(PRESSURE_REF_PA, held(gas.column(PRESSURE_REF_PA)?));
+    if let Some(supply_pa) = gas.column(SUPPLY_PA) {
+        fine.set(SUPPLY_PA, at_rows(supply_pa));
+    }
+    if let Some(open) = gas.column(VALVE_OPEN) {
+        fine.set(VALVE_OPEN, held(open));
+    }
+    let mut rig = rig.clone();
+    rig.nominal.load = Load::Prescribed;
+    let inputs = Inputs::new(&rig, &fine).ok()?;
+    let simulated_pa = pressures_pa(&rig, inputs, &fine, Some(fine.column(PRESSURE_PA)?))?;
+    let mut first = 0;
+    let bow = |(row, parts): (usize, &usize)| {
+        let begin_pa = if read_pa[row].is_nan() {
+            simulated_pa[first]
+        } else {
+            read_pa[row]
+        };
+        let value_pa = |part: usize| match part {
+            0 => begin_pa,
+            _ => simulated_pa[first + part],
+        };
+        let end_pa = value_pa(*parts);
+        // Simpson's rule over the halves of each part.
+        let mean_pa = if *parts == 1 {
+            0.5 * (begin_pa + end_pa)
+        } else {
+            let weight = |part: usize| match part {
+                _ if part == 0 || part == *parts => 1.0,
+                _ if part % 2 == 1 => 4.0,
+                _ => 2.0,
+            };
+            let sum: f64 = (0..=*parts).map(|part| weight(part) * value_pa(part)).sum();
+            sum / (3.0 * *parts as f64)
+        };
+        first += *parts;
+        mean_pa - 0.5 * (begin_pa + end_pa)
+    };
+    Some(parts.iter().enumerate().map(bow).collect())
+}
+
+/// `values` at a `share` of the interval after `row`, by the cubic through the rows about it, or
+/// linear beside an end.
+fn cubic(time_s: &[f64], values: &[f64], row: usize, share: f64) -> f64 {
+    let linear = values[row] + share * (values[row + 1] - values[row]);
+    if share == 0.0 || row == 0 || row + 2 >= values.len() {
+        return linear;
+    }
+    let at_s = time_s[row] + share * (time_s[row + 1] - time_s[row]);
+    let of = |own: usize| {
+        let others = (row - 1..=row + 2).filter(|other| *other != own);
+        let basis = others.map(|other| (at_s - time_s[other]) / (time_s[own] - time_s[other]));
+        values[own] * basis.product::<f64>()
+    };
+    let smooth: f64 = (row - 1..=row + 2).map(of).sum();
+    if smooth.is_finite() { smooth } else { linear }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::simulate::simulate;
+    use muscle_plant::simulation::TOLERANCE;
+
+    /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of a
+    /// simulation with fifty times as many.
+    #[test]
+    fn the_pressure_between_rows_is_that_of_finer_rows() {
+        const FINER: usize = 50;
+        let rig = Rig::reference();
+        let time_s: Vec<f64> = (0..10_000).map(|row| 1e-3 * f64::from(row)).collect();
+        let reference_pa = |row: usize| {
+            let held_s = time_s[row / FINER * FINER];
+            2.5e5 + 5e4 * (4.0 * held_s).sin()
+        };
+        let mut drive = Record::new(time_s.clone());
+        drive.set(
+            PRESSURE_REF_PA,
+            (0..time_s.len()).map(reference_pa).collect(),
+        );
+        drive.set(PRESSURE_PA, vec![2.5e5; time_s.len()]);
+        drive.set(CONTRACTION, vec![0.1; time_s.len()]);
+        let fine = simulate(&rig, &drive, TOLERANCE).expect("a simulation");
+        let mut coarse = Record::new(time_s.iter().step_by(FINER).copied().collect());
+        for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
+            let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
+            let values = values.or_else(|| fine.column(name)).expect("the column");
+            coarse.set(name, values.iter().step_by(FINER).copied().collect());
+        }
+        let prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
+        let between_pa = between_pa(&prepared[0], &rig);
+        let fine_pa = fine.column(PRESSURE_PA).expect("a pressure");
+        let bow_pa = |row: usize| {
+            let own = &fine_pa[row * FINER..=(row + 1) * FINER];
+            let ends_pa = own[0] + own[FINER];
+            let sum_pa: f64 = own.iter().sum();
+            (sum_pa - 0.5 * ends_pa) / FINER as f64 - 0.5 * ends_pa
+        };
+        // After the begin, and away from the end, where the motion is not smooth.
+        let rows = 40..between_pa.len() - 3;
+        let squares =
+            |value: &dyn Fn(usize) -> f64| rows.clone().map(|row| value(row).powi(2)).sum::<f64>();
+        let truth_pa = |row: usize| 0.5 * (bow_pa(row - 1) + bow_pa(row));
+        let size = squares(&truth_pa).sqrt();
+        let error = squares(&|row| between_pa[row] - truth_pa(row)).sqrt();
+        assert!(size > 1e3, "{size}");
+        assert!(error < 0.1 * size, "{error} of {size}");
+    }
+}
