@@ -85,7 +85,7 @@ pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Iden
             number(env!("CARGO_PKG_VERSION_PATCH")),
         ],
         commit: u32::from_str_radix(env!("COMMIT"), 16).unwrap_or(0),
-        board: board::BOARD,
+        board: link::board_name(board::NAME),
         cpu_hz: board::SYSCLK_HZ,
         reset,
         crash: note.crash,

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -93,13 +93,16 @@ pub struct Telemetry {
     pub timing: Timing,
 }
 
-/// The board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Board {
-    /// NUCLEO-F446RE.
-    NucleoF446re,
-    /// A board with an STM32F405 or F407.
-    Stm32f407,
+/// A board's name: ASCII, and zeros to its end.
+pub type BoardName = [u8; 16];
+
+/// The first sixteen bytes of `name`.
+pub fn board_name(name: &str) -> BoardName {
+    let mut bytes = BoardName::default();
+    for (target, byte) in bytes.iter_mut().zip(name.bytes()) {
+        *target = byte;
+    }
+    bytes
 }
 
 /// The board's firmware, hardware and condition.
@@ -110,7 +113,7 @@ pub struct Identity {
     /// The first eight digits of its git commit; 0: unknown.
     pub commit: u32,
     /// The hardware.
-    pub board: Board,
+    pub board: BoardName,
     /// CPU cycles per second, for [`Timing`].
     pub cpu_hz: u32,
     /// Cause of the last reset.
@@ -368,7 +371,7 @@ mod tests {
         let identity = FromDevice::Identity(Identity {
             firmware: [u8::MAX; 3],
             commit: u32::MAX,
-            board: Board::NucleoF446re,
+            board: board_name("NUCLEO-F446RE"),
             cpu_hz: u32::MAX,
             reset: ResetCause::Other,
             crash: Some(crash),

@@ -55,6 +55,15 @@ pub const LINK_RX: Pin = pin('A', 3);
 /// Pins of the two DAC channels.
 pub const DAC_PINS: [Pin; 2] = [pin('A', 4), pin('A', 5)];
 
+/// Pins of the MCP4922 on a board whose chip has no DAC: SCK and SDI at SPI2, CS, SHDN.
+pub const CONVERTER_CLOCK: Pin = pin('B', 13);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_DATA: Pin = pin('B', 15);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_SELECT: Pin = pin('B', 12);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_SHUTDOWN: Pin = pin('B', 14);
+
 /// The pin of an ADC channel; none for the internal ones.
 pub fn adc_pin(channel: u32) -> Option<Pin> {
     match channel as u8 {

@@ -1,25 +1,30 @@
-//! The voltage of the servo valve: DAC channel 1.
+//! The voltage of the servo valve: DAC channel 1 of the chip.
 
-use crate::board::ValvePin;
+use crate::board::ValvePins;
 use model_core::signal::DacCount;
+use rig_drivers::valve::AnalogOutput;
 use stm32f4xx_hal::pac::DAC;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
+
+/// The unit of the chip behind the valve's voltage.
+pub use stm32f4xx_hal::pac::DAC as Unit;
 
 /// The valve output.
 pub struct Valve(DAC);
 
 impl Valve {
     /// Enables the output at 0 V.
-    pub fn new(dac: DAC, _pin: ValvePin, rcc: &mut Rcc) -> Valve {
+    pub fn new(dac: DAC, _pin: ValvePins, rcc: &mut Rcc) -> Valve {
         DAC::enable(rcc);
         DAC::reset(rcc);
         // With the output buffer the voltage would stay about 0.2 V above ground.
         dac.cr().write(|w| w.boff1().set_bit().en1().set_bit());
         Valve(dac)
     }
+}
 
-    /// Sets the output voltage.
-    pub fn set(&mut self, count: DacCount) {
+impl AnalogOutput for Valve {
+    fn set(&mut self, count: DacCount) {
         self.0.dhr12r1().write(|w| w.daccdhr().set(count.get()));
     }
 }
