@@ -50,6 +50,10 @@ fn frames_match_the_specification() {
             missed_ticks: 0,
             late_cycles: 100,
             busy_cycles: 900,
+            missed_ticks_total: 2,
+            late_cycles_max: 120,
+            busy_cycles_max: 1_000,
+            link_per_mille: 70,
         },
     };
     let frames = [

@@ -3,7 +3,7 @@
 use crate::budget::instructions_max;
 use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
 use emulated_board::ExceptionEvent;
-use model_core::link::ToDevice;
+use model_core::link::{Decoder, FromDevice, ToDevice};
 
 /// Control register of TIM2, which starts the conversions.
 const TIM2_CR1: u32 = 0x4000_0000;
@@ -133,6 +133,55 @@ fn flooding_the_link_delays_no_tick() {
     rig.assert_no_errors();
 }
 
+/// The largest values are those that the telemetry has had, and the load is the bytes counted here.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn telemetry_reports_the_worst_tick_and_the_load_of_the_link() {
+    let mut rig = Rig::after_ms(15);
+    rig.board.link_receive();
+    let mut seen = vec![];
+    let mut bytes = 0;
+    let mut decoder = Decoder::new();
+    for _ in 0..3_000 {
+        rig.run_ms(1);
+        for received in rig.board.link_receive() {
+            bytes += 1;
+            if let Some(Ok(FromDevice::Telemetry(telemetry))) = decoder.push(received.byte) {
+                seen.push(telemetry.timing);
+            }
+        }
+    }
+    let last = seen.last().expect("telemetry");
+    assert_eq!(
+        Some(last.busy_cycles_max),
+        seen.iter().map(|t| t.busy_cycles).max()
+    );
+    assert_eq!(
+        Some(last.late_cycles_max),
+        seen.iter().map(|t| t.late_cycles).max()
+    );
+    assert!(
+        last.busy_cycles_max > last.busy_cycles,
+        "the first tick is longer"
+    );
+    // 92 160 bytes a second. Lengths of frames vary by a byte or two.
+    let counted = bytes as f64 / 3.0 / 92.16;
+    let off = f64::from(last.link_per_mille) - counted;
+    assert!(
+        off.abs() < 2.0,
+        "{} of 1000, counted {counted}",
+        last.link_per_mille
+    );
+    // The busier direction counts.
+    for _ in 0..2_100 {
+        rig.board.link_send(&[1; 46]);
+        rig.run_ms(1);
+    }
+    let load = rig.last_telemetry().timing.link_per_mille;
+    assert!((495..=500).contains(&load), "{load}");
+    rig.assert_no_errors();
+}
+
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn telemetry_of_every_tick_arrives_within_four_milliseconds() {
@@ -171,8 +220,11 @@ fn ticks_that_never_started_are_counted() {
     rig.board.run_for(30 * MS);
     rig.board.write_register(TIM2_CR1, 1);
     rig.run_ms(20);
-    let missed = rig.telemetry().iter().map(|t| t.timing.missed_ticks).max();
+    let telemetry = rig.telemetry();
+    let missed = telemetry.iter().map(|t| t.timing.missed_ticks).max();
     assert_eq!(missed, Some(3));
+    let last = telemetry.last().expect("telemetry").timing;
+    assert_eq!((last.missed_ticks, last.missed_ticks_total), (0, 3));
 }
 
 /// TIM3 requests the link's task at a fixed phase of the tick, which is chance on a real board.
