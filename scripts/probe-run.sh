@@ -12,6 +12,8 @@ chip=$(LC_ALL=C grep -aom1 'chip_STM32[A-Za-z0-9]*' "$elf" | head -n 1) || {
     printf 'probe-run: %s names no chip: a memory.x has a line chip_STM32… = 1;\n' "$elf" >&2
     exit 2
 }
+# Stops here if the file is no image.
+"$(dirname "$0")/seal-image.sh" "$elf"
 options=()
 if ! LC_ALL=C grep -aq 'watchdog_stops_in_debug' "$elf"; then
     # A caught reset or hard fault would halt the core: before the firmware starts, or before it

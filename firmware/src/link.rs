@@ -8,6 +8,7 @@ use model_core::link::{
     self, Decoder, FRAME_LEN_MAX, FromDevice, Identity, Note, ResetCause, SettingsSource,
     Telemetry, ToDevice,
 };
+use model_core::start::StartFault;
 use model_core::timing::LinkLoad;
 
 /// Bytes that the link carries per second, of ten bits each.
@@ -86,7 +87,12 @@ impl Link {
 }
 
 /// The identity of the board, with all counters at 0.
-pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Identity {
+pub fn identity(
+    reset: ResetCause,
+    note: Note,
+    settings: SettingsSource,
+    start: Option<StartFault>,
+) -> Identity {
     let number = |text: &str| text.parse().unwrap_or(0);
     Identity {
         firmware: [
@@ -100,6 +106,7 @@ pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Iden
         reset,
         crash: note.crash,
         fault: note.fault,
+        start,
         settings,
         stack_free_bytes: 0,
         frames_rejected: 0,

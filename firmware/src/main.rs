@@ -16,6 +16,7 @@ mod board;
 mod crash;
 mod driver;
 mod link;
+mod ram;
 
 use defmt_rtt as _;
 
@@ -108,7 +109,11 @@ mod app {
         if iwdg::STOPS_IN_DEBUG {
             defmt::warn!("a halt stops the watchdog: the valve's supply must be off");
         }
-        let identity = link::identity(reset, note, source);
+        let start = devices.findings.fault();
+        if let Some(fault) = start {
+            defmt::error!("start-up self-test: {}", defmt::Debug2Format(&fault));
+        }
+        let identity = link::identity(reset, note, source, start);
 
         let (to_tick, commands) = cx.local.command_queue.split();
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
@@ -118,7 +123,7 @@ mod app {
         (
             Shared {},
             Local {
-                device: Device::new(settings),
+                device: Device::new(settings).started(start),
                 clock: TickClock::new(board::TICK_CYCLES),
                 adc: devices.adc,
                 encoder: devices.encoder,

@@ -9,6 +9,7 @@ use model_core::link::{
 use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;
 use model_core::signal::{AdcCount, EncoderCount};
+use model_core::start::StartFault;
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
 use serde::Serialize;
@@ -83,6 +84,7 @@ fn messages_of_a_version_never_change() {
     tracer.trace_simple_type::<Request>().unwrap();
     tracer.trace_simple_type::<ResetCause>().unwrap();
     tracer.trace_simple_type::<SettingsSource>().unwrap();
+    tracer.trace_simple_type::<StartFault>().unwrap();
     tracer.trace_simple_type::<Source>().unwrap();
     tracer.trace_simple_type::<Written>().unwrap();
     let registry = tracer.registry().unwrap();

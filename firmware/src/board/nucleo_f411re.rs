@@ -8,6 +8,7 @@
 //! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
 //! | valve: SCK, SDI | PB13, PB15 | SPI2, to an MCP4922 | written by the tick              |
 //! | valve: CS, SHDN | PB12, PB14 | outputs, CS high if idle; SHDN low shuts down | the same |
+//! | valve, read back | PA4 (A2) | ADC1 channel 4        | the self-test at start           |
 //! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
@@ -20,8 +21,8 @@
 use super::{Pins, Ports};
 use core::ops::Range;
 use stm32f4xx_hal::gpio::{
-    Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA5, PA8, PB5, PB10, PB12, PB13, PB14,
-    PB15, PC0, PC1, PC13,
+    Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PB12, PB13,
+    PB14, PB15, PC0, PC1, PC13,
 };
 use stm32f4xx_hal::pac::GPIOB;
 use stm32f4xx_hal::prelude::*;
@@ -58,6 +59,8 @@ pub type EncoderPins = (PA0<Alternate<2>>, PA1<Alternate<2>>);
 pub type ValveSelectPin = PB12<Output>;
 /// Shutdown of the valve's converter, with a pull-down of 10 kΩ.
 pub type ValveShutdownPin = PB14<Output>;
+/// The valve's voltage, read back.
+pub type ValveReadBackPin = PA4<Analog>;
 
 /// The valve's converter.
 pub struct ValvePins {
@@ -69,6 +72,8 @@ pub struct ValvePins {
     pub select: ValveSelectPin,
     /// SHDN.
     pub shutdown: ValveShutdownPin,
+    /// VOUTA.
+    pub read_back: ValveReadBackPin,
 }
 
 /// Link TX and RX.
@@ -99,6 +104,7 @@ pub fn pins(ports: Ports, rcc: &mut Rcc) -> Pins {
             data: b.pb15,
             select: b.pb12.into_push_pull_output(),
             shutdown: b.pb14.into_push_pull_output(),
+            read_back: a.pa4.into_analog(),
         },
         link: (a.pa2, a.pa3),
         button: c.pc13.into_pull_up_input(),

@@ -5,7 +5,7 @@
 //! | strain bridge   | PC0 (A5) | ADC1 channel 10        | DMA2 stream 0 channel 0          |
 //! | pressure sensor | PC1 (A4) | ADC1 channel 11        | DMA2 stream 0 channel 0          |
 //! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
-//! | valve           | PA4 (A2) | DAC channel 1          | written by the tick              |
+//! | valve           | PA4 (A2) | DAC channel 1, ADC1 channel 4 | written by the tick       |
 //! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |

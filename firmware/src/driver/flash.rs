@@ -14,6 +14,17 @@ impl Flash {
         Flash(flash)
     }
 
+    /// The program.
+    pub fn program(&self) -> &[u8] {
+        let [(_, settings), _] = SETTINGS_SECTORS;
+        &self.0.read()[..settings.start]
+    }
+
+    /// The option BOR_LEV: 0 resets the chip below 2.7 V, 3 only below 1.8 V.
+    pub fn brown_out_level(&self) -> u8 {
+        (self.0.optcr().read().bits() >> 2 & 3) as u8
+    }
+
     /// Changes the flash. The data cache is not coherent with that: off here, and emptied
     /// afterwards.
     fn change(&mut self, operation: impl FnOnce(&mut FLASH) -> bool) -> bool {

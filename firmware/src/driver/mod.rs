@@ -19,10 +19,13 @@ pub mod spi_dac;
 pub use spi_dac as valve;
 
 use crate::board::{self, ButtonPin, LampPin, PortPin, Ports, StopPins};
+use crate::{crash, ram};
 use adc::Adc;
 use counter::Counter;
 use flash::Flash;
 use iwdg::Iwdg;
+use model_core::link;
+use model_core::start::StartFindings;
 use rig_drivers::button::Button;
 use rig_drivers::encoder::Encoder;
 use rig_drivers::output::Output;
@@ -63,6 +66,8 @@ pub struct Devices {
     pub link_timer: CounterUs<TIM3>,
     /// Timer of the ticks, stopped.
     pub tick_timer: TickTimer,
+    /// What the start-up self-test has measured.
+    pub findings: StartFindings,
     /// SysTick as a delay.
     pub delay: SysDelay,
 }
@@ -79,6 +84,11 @@ impl Devices {
         let mut rcc = device.RCC.freeze(board::clocks());
         assert!(rcc.clocks.sysclk().raw() == board::SYSCLK_HZ);
         assert!(rcc.clocks.timclk1().raw() == board::TIMER_HZ);
+        // Before any DMA.
+        let stack_free_bytes = crash::stack_free_bytes();
+        let ram = ram::holds_patterns();
+        let flash = Flash::new(device.FLASH);
+        let image = link::check_image(flash.program());
         let ports = Ports {
             a: device.GPIOA,
             b: device.GPIOB,
@@ -89,10 +99,27 @@ impl Devices {
         let unit: valve::Unit = device.DAC;
         #[cfg(feature = "mcp4922")]
         let unit: valve::Unit = device.SPI2;
-        let valve = Valve::new(unit, pins.valve, &mut rcc);
+        let mut delay = core.SYST.delay(&rcc.clocks);
+        let mut valve = Valve::new(unit, pins.valve, &mut rcc);
         let dma1 = StreamsTuple::new(device.DMA1, &mut rcc);
         let dma2 = StreamsTuple::new(device.DMA2, &mut rcc);
-        let adc = Adc::new(device.ADC1, dma2.0, pins.bridge, pins.pressure, &mut rcc);
+        let adc = Adc::new(
+            device.ADC1,
+            dma2.0,
+            pins.bridge,
+            pins.pressure,
+            &mut valve,
+            &mut delay,
+            &mut rcc,
+        );
+        let findings = StartFindings {
+            image,
+            ram,
+            stack_free_bytes,
+            reference: (adc.start_reference, adc::calibrated_reference()),
+            valve: adc.start_valve,
+            brown_out_level: flash.brown_out_level(),
+        };
         let encoder = Encoder::new(Counter::new(device.TIM5, pins.encoder, &mut rcc));
         let serial = Serial::new(device.USART2, pins.link, (dma1.5, dma1.6), &mut rcc);
         let mut link_timer = device.TIM3.counter_us(&mut rcc);
@@ -101,7 +128,8 @@ impl Devices {
         assert!(started.is_ok());
         Devices {
             watchdog,
-            store: Store(Flash::new(device.FLASH)),
+            store: Store(flash),
+            findings,
             adc,
             encoder,
             button: Button(pins.button),
@@ -112,7 +140,7 @@ impl Devices {
             serial,
             link_timer,
             tick_timer: TickTimer::new(device.TIM2, &mut rcc),
-            delay: core.SYST.delay(&rcc.clocks),
+            delay,
         }
     }
 }

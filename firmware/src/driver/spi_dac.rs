@@ -1,6 +1,6 @@
 //! The voltage of the servo valve: an MCP4922 on SPI2, for chips without a DAC.
 
-use crate::board::{self, ValvePins, ValveSelectPin, ValveShutdownPin};
+use crate::board::{self, ValvePins, ValveReadBackPin, ValveSelectPin, ValveShutdownPin};
 use model_core::signal::DacCount;
 use rig_drivers::mcp4922::{CLOCK_HZ_MAX, MODE, Mcp4922};
 use rig_drivers::valve::AnalogOutput;
@@ -17,7 +17,11 @@ const CLOCK_HZ: u32 = 9_000_000;
 const _: () = assert!(CLOCK_HZ <= CLOCK_HZ_MAX);
 
 /// The valve output.
-pub struct Valve(Mcp4922<Spi<SPI2>, ValveSelectPin, ValveShutdownPin>);
+pub struct Valve {
+    converter: Mcp4922<Spi<SPI2>, ValveSelectPin, ValveShutdownPin>,
+    /// The output's wire to a channel of the chip's converter.
+    pub read_back: ValveReadBackPin,
+}
 
 impl Valve {
     /// Brings the output to 0 V, and then out of its shutdown.
@@ -28,7 +32,10 @@ impl Valve {
             CLOCK_HZ.Hz(),
             rcc,
         );
-        let mut valve = Valve(Mcp4922::new(bus, pins.select, pins.shutdown));
+        let mut valve = Valve {
+            converter: Mcp4922::new(bus, pins.select, pins.shutdown),
+            read_back: pins.read_back,
+        };
         valve.set(DacCount::default());
         valve
     }
@@ -36,7 +43,7 @@ impl Valve {
 
 impl AnalogOutput for Valve {
     fn set(&mut self, count: DacCount) {
-        self.0.set(count);
+        self.converter.set(count);
     }
 }
 

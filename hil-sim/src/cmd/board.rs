@@ -97,5 +97,8 @@ pub fn describe(identity: &Identity) -> String {
     if let Some(fault) = identity.fault {
         words += &format!(", whose controller had latched {fault} before the reset");
     }
+    if let Some(fault) = identity.start {
+        words += &format!(". Start-up self-test: {fault}: {}", fault.help());
+    }
     words
 }

@@ -143,6 +143,7 @@ impl DeviceBoard {
             reset: ResetCause::Pin,
             crash: None,
             fault: None,
+            start: None,
             settings: SettingsSource::Reference,
             stack_free_bytes: 0,
             frames_rejected: self.frames_rejected,

@@ -220,6 +220,21 @@ impl Board {
         self.cpu.soc_mut().external.converter = imperfection;
     }
 
+    /// Pulls the valve's output to a voltage, as a short circuit or a wrong amplifier would.
+    pub fn load_valve(&mut self, volts: Option<f64>) {
+        self.cpu.soc_mut().external.valve_load = volts;
+    }
+
+    /// Sets the option BOR_LEV: 0 is the highest level, 3 (a new chip) is off.
+    pub fn set_brown_out_level(&mut self, level: u8) {
+        self.cpu.soc_mut().flash.brown_out_level = level;
+    }
+
+    /// From now on some bits of a word of the RAM read as 1.
+    pub fn stick_ram(&mut self, address: u32, bits: u32) {
+        self.cpu.stick_ram(address, bits);
+    }
+
     /// Drives a pin to a digital level, or lets it float.
     pub fn set_level(&mut self, pin: Pin, level: Option<bool>) {
         let soc = self.cpu.soc_mut();

@@ -388,6 +388,10 @@ impl Soc {
             self.error(format!("ADC1: {pin} is converted, but it is not analog"));
             return 0.0;
         }
+        if pin == gpio::VALVE {
+            let volts = self.dac_volts(0).unwrap_or(0.0);
+            return self.external.valve_load.unwrap_or(volts);
+        }
         self.external.volts[usize::from(pin.port)][usize::from(pin.number)]
     }
 

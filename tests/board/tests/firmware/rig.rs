@@ -52,6 +52,7 @@ impl Rig {
     pub fn new() -> Rig {
         let mut board = Board::new(&firmware()).expect("an ELF for this board");
         board.set_link_baud(LINK_BAUD);
+        board.set_brown_out_level(0);
         board.set_level(BUTTON, Some(true));
         for contact in STOP {
             board.set_level(contact, Some(true));
