@@ -37,7 +37,7 @@ pub fn ticks(events: &[ExceptionEvent]) -> Vec<TickRecord> {
 }
 
 /// Spread of the ticks relative to a grid of 10 ms.
-fn jitter_ns(ticks: &[TickRecord]) -> u64 {
+pub fn jitter_ns(ticks: &[TickRecord]) -> u64 {
     let offsets = ticks
         .iter()
         .zip(0..)
