@@ -2,6 +2,7 @@
 //! docs/wiring.md shows the patterns.
 
 use crate::io::Request;
+use crate::start::StartFault;
 use crate::supervisor::{Fault, Mode};
 
 /// Ticks of one flash of a fault, and of the gap after it.
@@ -12,7 +13,7 @@ const PAUSE_TICKS: u32 = 100;
 /// Ticks of the long flash before those of a fault of the start-up self-test.
 const LONG_TICKS: u32 = 120;
 /// Short flashes of the mode ready if brown-outs do not reset the chip.
-pub(crate) const WARNING_FLASHES: u32 = 3;
+const WARNING_FLASHES: u32 = 3;
 
 /// Count of flashes that tell a fault.
 pub fn flashes(fault: Fault) -> u32 {
@@ -25,7 +26,14 @@ pub fn flashes(fault: Fault) -> u32 {
         Fault::LoadedLever | Fault::NotVented | Fault::NotStill => 6,
         Fault::EmergencyStop | Fault::StopContactsDiffer => 7,
         Fault::MissedTicks | Fault::Memory => 8,
-        Fault::Start(fault) => fault.flashes(),
+        // After a long flash.
+        Fault::Start(StartFault::Image) => 1,
+        Fault::Start(StartFault::Ram) => 2,
+        Fault::Start(StartFault::Stack) => 3,
+        Fault::Start(StartFault::Supply) => 4,
+        Fault::Start(StartFault::ValveVoltage) => 5,
+        // Never latched: see the mode ready.
+        Fault::Start(StartFault::BrownOut) => WARNING_FLASHES,
     }
 }
 

@@ -3,7 +3,6 @@
 //! Bridge and pressure sensor out of their range are found by the controller's self-check, with or
 //! without hardware in the loop; here is what only the board itself can have.
 
-use crate::lamp;
 use crate::names::names;
 use crate::signal::DacCount;
 use serde::{Deserialize, Serialize};
@@ -55,19 +54,6 @@ impl StartFault {
                 "set the option BOR_LEV to level 3, with the valve's supply off: \
                  STM32_Programmer_CLI -c port=SWD -ob BOR_LEV=0"
             }
-        }
-    }
-
-    /// Count of short flashes of the lamp after the long one.
-    pub fn flashes(self) -> u32 {
-        match self {
-            StartFault::Image => 1,
-            StartFault::Ram => 2,
-            StartFault::Stack => 3,
-            StartFault::Supply => 4,
-            StartFault::ValveVoltage => 5,
-            // Not a latched fault: a pattern of the mode ready, see `lamp`.
-            StartFault::BrownOut => lamp::WARNING_FLASHES,
         }
     }
 }
