@@ -19,8 +19,8 @@ use std::collections::BTreeMap;
 
 /// Count of cases; the environment variable FAULT_CASES overrides it.
 const CASES: u64 = 60;
-/// Time from a period's start to its tick, rounded up. The first tick is at this time or later after
-/// a reset, as the start takes some milliseconds; later ones follow every 10 ms.
+/// Time from a period's start to its tick, rounded up. The first tick is at this time or later
+/// after a reset, as the start takes some milliseconds; later ones follow every 10 ms.
 const CONVERTED_NS: u64 = 10_700_000;
 /// Time from a tick to the end of its telemetry.
 const TELEMETRY_NS: u64 = 3 * MS;
