@@ -60,6 +60,8 @@ fn stop(crash: Crash) -> ! {
 
 #[panic_handler]
 fn panic(info: &PanicInfo) -> ! {
+    // First, or a tick in between would raise the valve again.
+    cortex_m::interrupt::disable();
     valve::make_safe();
     let (file, line) = info.location().map_or(("", 0), |l| (l.file(), l.line()));
     let mut file_end = [0; 16];

@@ -2,16 +2,23 @@
 
 use crate::board;
 use crate::driver::serial::Serial;
+use core::num::NonZeroU32;
 use embedded_hal::delay::DelayNs;
 use model_core::link::{
     self, Decoder, FRAME_LEN_MAX, FromDevice, Identity, Note, ResetCause, SettingsSource,
     Telemetry, ToDevice,
 };
+use model_core::start::StartFault;
+use model_core::timing::LinkLoad;
+
+/// Bytes that the link carries per second, of ten bits each.
+const BYTES_PER_S: NonZeroU32 = NonZeroU32::new(board::LINK_BAUD / 10).unwrap();
 
 /// The link.
 pub struct Link {
     serial: Serial,
     decoder: Decoder,
+    load: LinkLoad,
     /// Count of damaged frames received.
     pub frames_rejected: u32,
     /// Count of messages dropped because a buffer or queue was full.
@@ -24,6 +31,7 @@ impl Link {
         Link {
             serial,
             decoder: Decoder::new(),
+            load: LinkLoad::new(BYTES_PER_S),
             frames_rejected: 0,
             messages_dropped: 0,
         }
@@ -32,6 +40,7 @@ impl Link {
     /// The next received message, if there is one.
     pub fn receive(&mut self) -> Option<ToDevice> {
         while let Some(byte) = self.serial.read() {
+            self.load.received();
             match self.decoder.push(byte) {
                 Some(Ok(message)) => return Some(message),
                 Some(Err(link::Rejected)) => {
@@ -43,8 +52,9 @@ impl Link {
         None
     }
 
-    /// Queues telemetry for [`Link::pump`]; drops it if there is no room.
-    pub fn send(&mut self, telemetry: Telemetry) {
+    /// Queues telemetry for [`Link::pump`], with the link's load; drops it if there is no room.
+    pub fn send(&mut self, mut telemetry: Telemetry) {
+        telemetry.timing.link_per_mille = self.load.tick();
         self.enqueue(&FromDevice::Telemetry(telemetry), 0);
     }
 
@@ -61,6 +71,7 @@ impl Link {
             self.messages_dropped = self.messages_dropped.saturating_add(1);
             return;
         }
+        self.load.sent(frame.len());
         self.serial.write(frame);
     }
 
@@ -76,7 +87,12 @@ impl Link {
 }
 
 /// The identity of the board, with all counters at 0.
-pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Identity {
+pub fn identity(
+    reset: ResetCause,
+    note: Note,
+    settings: SettingsSource,
+    start: Option<StartFault>,
+) -> Identity {
     let number = |text: &str| text.parse().unwrap_or(0);
     Identity {
         firmware: [
@@ -85,11 +101,12 @@ pub fn identity(reset: ResetCause, note: Note, settings: SettingsSource) -> Iden
             number(env!("CARGO_PKG_VERSION_PATCH")),
         ],
         commit: u32::from_str_radix(env!("COMMIT"), 16).unwrap_or(0),
-        board: board::BOARD,
+        board: link::board_name(board::NAME),
         cpu_hz: board::SYSCLK_HZ,
         reset,
         crash: note.crash,
         fault: note.fault,
+        start,
         settings,
         stack_free_bytes: 0,
         frames_rejected: 0,

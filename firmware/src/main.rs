@@ -16,6 +16,7 @@ mod board;
 mod crash;
 mod driver;
 mod link;
+mod ram;
 
 use defmt_rtt as _;
 
@@ -25,13 +26,10 @@ mod app {
     use crate::crash;
     use crate::driver::Devices;
     use crate::driver::adc::Adc;
-    use crate::driver::button::Button;
-    use crate::driver::encoder::Encoder;
-    use crate::driver::flash::Store;
-    use crate::driver::output::Output;
-    use crate::driver::stop::Stop;
+    use crate::driver::counter::Counter;
+    use crate::driver::flash::Flash;
+    use crate::driver::iwdg::{self, Iwdg};
     use crate::driver::valve::{self, Valve};
-    use crate::driver::watchdog::{self, Watchdog};
     use crate::link::{self, Link};
     use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use cortex_m::peripheral::{DWT, SCB};
@@ -42,6 +40,13 @@ mod app {
     use model_core::settings::{Settings, SettingsValues};
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
+    use rig_drivers::button::Button;
+    use rig_drivers::encoder::Encoder;
+    use rig_drivers::output::Output;
+    use rig_drivers::stop::Stop;
+    use rig_drivers::store::Store;
+    use rig_drivers::valve::AnalogOutput;
+    use rig_drivers::watchdog::Watchdog;
     use stm32f4xx_hal::ClearFlags;
     use stm32f4xx_hal::pac::TIM3;
     use stm32f4xx_hal::timer::{CounterUs, Flag, SysDelay};
@@ -64,13 +69,13 @@ mod app {
         device: Device,
         clock: TickClock,
         adc: Adc,
-        encoder: Encoder,
+        encoder: Encoder<Counter>,
         button: Button<ButtonPin>,
         stop: Stop<StopPins>,
         valve: Valve,
         port: Output<PortPin>,
         lamp: Output<LampPin>,
-        watchdog: Watchdog,
+        watchdog: Watchdog<Iwdg>,
         to_tick: Producer<'static, Command>,
         commands: Consumer<'static, Command>,
         from_tick: Producer<'static, Telemetry>,
@@ -78,7 +83,7 @@ mod app {
         link: Link,
         link_timer: CounterUs<TIM3>,
         delay: SysDelay,
-        store: Store,
+        store: Store<Flash>,
         settings: SettingsValues,
         identity: Identity,
         last_change: Change,
@@ -93,7 +98,7 @@ mod app {
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let note = crash::take_note();
-        let reset = watchdog::reset_cause(&cx.device.RCC);
+        let reset = iwdg::reset_cause(&cx.device.RCC);
         let mut devices = Devices::new(cx.device, cx.core);
         let (settings, source) = devices.store.load();
         defmt::info!(
@@ -101,10 +106,14 @@ mod app {
             defmt::Debug2Format(&reset),
             defmt::Debug2Format(&note)
         );
-        if watchdog::STOPS_IN_DEBUG {
+        if iwdg::STOPS_IN_DEBUG {
             defmt::warn!("a halt stops the watchdog: the valve's supply must be off");
         }
-        let identity = link::identity(reset, note, source);
+        let start = devices.findings.fault();
+        if let Some(fault) = start {
+            defmt::error!("start-up self-test: {}", defmt::Debug2Format(&fault));
+        }
+        let identity = link::identity(reset, note, source, start);
 
         let (to_tick, commands) = cx.local.command_queue.split();
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
@@ -114,7 +123,7 @@ mod app {
         (
             Shared {},
             Local {
-                device: Device::new(settings),
+                device: Device::new(settings).started(start),
                 clock: TickClock::new(board::TICK_CYCLES),
                 adc: devices.adc,
                 encoder: devices.encoder,
@@ -218,7 +227,7 @@ mod app {
     /// no other way, so that they are constant while ticks run. Refused while armed.
     fn write_settings(
         link: &mut Link,
-        store: &mut Store,
+        store: &mut Store<Flash>,
         delay: &mut SysDelay,
         values: SettingsValues,
     ) {
@@ -231,7 +240,7 @@ mod app {
                 return link.answer(&FromDevice::Written(Written::Armed));
             }
             valve::make_safe();
-            watchdog::expect_no_ticks();
+            iwdg::expect_no_ticks();
             let stored = store.store(&settings);
             link.answer(&FromDevice::Written(if stored {
                 Written::Stored

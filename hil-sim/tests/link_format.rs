@@ -3,12 +3,13 @@
 use model_core::device::Command;
 use model_core::io::{Output, Request, Sensors};
 use model_core::link::{
-    Board, Crash, FRAME_LEN_MAX, FromDevice, ResetCause, SettingsSource, Source, Telemetry,
-    ToDevice, VERSION, Written, encode,
+    Crash, FRAME_LEN_MAX, FromDevice, ResetCause, SettingsSource, Source, Telemetry, ToDevice,
+    VERSION, Written, encode,
 };
 use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;
 use model_core::signal::{AdcCount, EncoderCount};
+use model_core::start::StartFault;
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
 use serde::Serialize;
@@ -50,6 +51,10 @@ fn frames_match_the_specification() {
             missed_ticks: 0,
             late_cycles: 100,
             busy_cycles: 900,
+            missed_ticks_total: 2,
+            late_cycles_max: 120,
+            busy_cycles_max: 1_000,
+            link_per_mille: 70,
         },
     };
     let frames = [
@@ -71,7 +76,6 @@ fn messages_of_a_version_never_change() {
     // A missing message is an error below.
     tracer.trace_type::<ToDevice>(&samples).unwrap();
     tracer.trace_type::<FromDevice>(&samples).unwrap();
-    tracer.trace_simple_type::<Board>().unwrap();
     tracer.trace_simple_type::<Command>().unwrap();
     tracer.trace_simple_type::<Crash>().unwrap();
     tracer.trace_simple_type::<Doubt>().unwrap();
@@ -80,6 +84,7 @@ fn messages_of_a_version_never_change() {
     tracer.trace_simple_type::<Request>().unwrap();
     tracer.trace_simple_type::<ResetCause>().unwrap();
     tracer.trace_simple_type::<SettingsSource>().unwrap();
+    tracer.trace_simple_type::<StartFault>().unwrap();
     tracer.trace_simple_type::<Source>().unwrap();
     tracer.trace_simple_type::<Written>().unwrap();
     let registry = tracer.registry().unwrap();

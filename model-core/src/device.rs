@@ -9,8 +9,9 @@ use crate::limits::HIL_SILENCE_TICKS;
 use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
+use crate::start::StartFault;
 use crate::stop::StopContacts;
-use crate::supervisor::Mode;
+use crate::supervisor::{Fault, Mode};
 use crate::timing::Timing;
 use crate::voted::Voted;
 use serde::{Deserialize, Serialize};
@@ -81,6 +82,8 @@ pub struct Device<C = Controller> {
     hil: Voted<Option<Hil>>,
     button: Button,
     stop: StopContacts,
+    /// A flipped bit must not put the valve to 0 V.
+    start: Voted<Option<StartFault>>,
     tick: u32,
     /// The last tick's output.
     output: Output,
@@ -101,9 +104,17 @@ impl<C: Control> Device<C> {
             hil: Voted::new(None),
             button: Button::default(),
             stop: StopContacts::default(),
+            start: Voted::new(None),
             tick: 0,
             output: Output::default(),
         }
+    }
+
+    /// The device with this result of the start-up self-test. If it prevents assistance, the valve
+    /// stays at 0 V until the next reset; hardware in the loop is possible.
+    pub fn started(mut self, fault: Option<StartFault>) -> Device<C> {
+        self.start = Voted::new(fault);
+        self
     }
 
     /// The controller, for the fault campaign to damage its memory.
@@ -150,8 +161,17 @@ impl<C: Control> Device<C> {
             (Some(_), None) => (Source::Silence, Sensors::default()),
             (None, _) => (Source::Pins, from_pins(pins, timing, request)),
         };
-        if source != Source::Silence {
-            self.output = self.controller.tick(&sensors);
+        let start = *self.start.get();
+        match start.filter(|fault| fault.prevents_assistance()) {
+            Some(fault) if source == Source::Pins => {
+                self.output = Output {
+                    mode: Mode::Venting,
+                    fault: Some(Fault::Start(fault)),
+                    ..Output::default()
+                };
+            }
+            _ if source == Source::Silence => {}
+            _ => self.output = self.controller.tick(&sensors),
         }
         let telemetry = Telemetry {
             tick: self.tick,
@@ -169,7 +189,13 @@ impl<C: Control> Device<C> {
                 DacCount::default()
             },
             port_pulse: source == Source::Pins && self.opens_port() && self.tick % 2 == 1,
-            lamp: lamp::is_lit(self.output.mode, self.output.fault, stop, self.tick),
+            lamp: lamp::is_lit(
+                self.output.mode,
+                self.output.fault,
+                stop,
+                start.is_some(),
+                self.tick,
+            ),
             armed: self.is_armed(),
             telemetry,
         }
@@ -640,6 +666,32 @@ mod tests {
             (seen.telemetry.source, mode(&seen)),
             (Source::Pins, Mode::SelfCheck)
         );
+    }
+
+    #[test]
+    fn failed_start_keeps_the_valve_at_zero_whatever_is_requested() {
+        for (fault, _) in StartFault::NAMED {
+            let mut device = Device::new(settings()).started(Some(*fault));
+            let commands = [Request::Reset, Request::Assist].map(Command::Request);
+            let mut seen = tick(&mut device, &resting(), &[]);
+            for _ in 0..200 {
+                seen = tick(&mut device, &resting(), &commands);
+            }
+            let output = seen.telemetry.output;
+            if *fault == StartFault::BrownOut {
+                assert_eq!((output.mode, output.fault), (Mode::Assisting, None));
+                continue;
+            }
+            let expected = (Mode::Venting, Some(Fault::Start(*fault)));
+            assert_eq!((output.mode, output.fault), expected);
+            assert_eq!((seen.valve, seen.port_pulse), (DacCount::default(), false));
+            assert!(!seen.armed, "settings can be changed");
+            // The plant of a PC does not use what has failed.
+            tick(&mut device, &resting(), &[Command::EnterHil]);
+            let seen = tick(&mut device, &resting(), &[simulated(1, Request::None)]);
+            assert_eq!(mode(&seen), Mode::SelfCheck);
+            assert_eq!(seen.valve, DacCount::default());
+        }
     }
 
     #[test]

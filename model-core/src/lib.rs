@@ -47,6 +47,7 @@ pub mod reference;
 pub mod sampling;
 pub mod settings;
 pub mod signal;
+pub mod start;
 pub mod state;
 pub mod stop;
 pub mod store;

@@ -10,6 +10,7 @@
 use crate::device::Command;
 use crate::io::{Output, Sensors};
 use crate::settings::SettingsValues;
+use crate::start::StartFault;
 use crate::supervisor::Fault;
 use crate::timing::Timing;
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 5;
+pub const VERSION: u8 = 6;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -93,13 +94,16 @@ pub struct Telemetry {
     pub timing: Timing,
 }
 
-/// The board.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Board {
-    /// NUCLEO-F446RE.
-    NucleoF446re,
-    /// A board with an STM32F405 or F407.
-    Stm32f407,
+/// A board's name: ASCII, and zeros to its end.
+pub type BoardName = [u8; 16];
+
+/// The first sixteen bytes of `name`.
+pub fn board_name(name: &str) -> BoardName {
+    let mut bytes = BoardName::default();
+    for (target, byte) in bytes.iter_mut().zip(name.bytes()) {
+        *target = byte;
+    }
+    bytes
 }
 
 /// The board's firmware, hardware and condition.
@@ -110,7 +114,7 @@ pub struct Identity {
     /// The first eight digits of its git commit; 0: unknown.
     pub commit: u32,
     /// The hardware.
-    pub board: Board,
+    pub board: BoardName,
     /// CPU cycles per second, for [`Timing`].
     pub cpu_hz: u32,
     /// Cause of the last reset.
@@ -119,6 +123,8 @@ pub struct Identity {
     pub crash: Option<Crash>,
     /// The fault that was latched before that reset, if any.
     pub fault: Option<Fault>,
+    /// What the start-up self-test has found.
+    pub start: Option<StartFault>,
     /// Where its settings came from.
     pub settings: SettingsSource,
     /// Stack that was never used \[byte\].
@@ -199,6 +205,35 @@ pub struct TooLong;
 /// A frame that was dropped: damaged, of another version, or not a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rejected;
+
+/// Places of the checksum and of the length of a flashed image, from its start \[byte\]: reserved
+/// words of the vector table, which scripts/seal-image.sh fills in.
+pub const IMAGE_CHECKSUM_AT: usize = 0x1c;
+/// See [`IMAGE_CHECKSUM_AT`].
+pub const IMAGE_LENGTH_AT: usize = 0x20;
+
+/// Whether `flash`, which begins with an image, has the image's checksum; none if the image was
+/// flashed without one. The checksum is the CRC-32 of the image with 0 in its own place.
+pub fn check_image(flash: &[u8]) -> Option<bool> {
+    let word = |at: usize| {
+        let bytes = flash.get(at..at.checked_add(4)?)?.try_into().ok()?;
+        Some(u32::from_le_bytes(bytes))
+    };
+    let (expected, length) = (word(IMAGE_CHECKSUM_AT)?, word(IMAGE_LENGTH_AT)?);
+    if length == 0 && expected == 0 {
+        return None;
+    }
+    let before = flash.get(..IMAGE_CHECKSUM_AT);
+    let after = flash.get(IMAGE_LENGTH_AT..length as usize);
+    let (Some(before), Some(after)) = (before, after) else {
+        return Some(false);
+    };
+    let mut digest = CHECKSUM.digest();
+    digest.update(before);
+    digest.update(&[0; 4]);
+    digest.update(after);
+    Some(digest.finalize() == expected)
+}
 
 /// Writes `message` as a frame into `buffer`; returns the frame with its terminating zero.
 ///
@@ -368,11 +403,12 @@ mod tests {
         let identity = FromDevice::Identity(Identity {
             firmware: [u8::MAX; 3],
             commit: u32::MAX,
-            board: Board::NucleoF446re,
+            board: board_name("NUCLEO-F446RE"),
             cpu_hz: u32::MAX,
             reset: ResetCause::Other,
             crash: Some(crash),
             fault: Some(Fault::Encoder(Doubt::Stuck)),
+            start: Some(StartFault::ValveVoltage),
             settings: SettingsSource::Stored,
             stack_free_bytes: u16::MAX,
             frames_rejected: u32::MAX,

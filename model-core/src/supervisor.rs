@@ -21,6 +21,7 @@ use crate::limits::PLAY_SILENCE_TICKS;
 use crate::names::names;
 use crate::plausibility::{Doubt, SensorStatus};
 use crate::settings::SettingsValues;
+use crate::start::StartFault;
 use serde::{Deserialize, Serialize};
 
 /// What the controller does.
@@ -76,6 +77,8 @@ pub enum Fault {
     EmergencyStop,
     /// The contacts of the emergency stop differ: one of them, or its wire, is broken.
     StopContactsDiffer,
+    /// The start-up self-test has failed.
+    Start(StartFault),
 }
 
 names! { Mode:
@@ -110,6 +113,12 @@ names! { Fault:
     "Memory" = Fault::Memory;
     "EmergencyStop" = Fault::EmergencyStop;
     "StopContactsDiffer" = Fault::StopContactsDiffer;
+    "Start(Image)" = Fault::Start, StartFault::Image;
+    "Start(Ram)" = Fault::Start, StartFault::Ram;
+    "Start(Stack)" = Fault::Start, StartFault::Stack;
+    "Start(Supply)" = Fault::Start, StartFault::Supply;
+    "Start(ValveVoltage)" = Fault::Start, StartFault::ValveVoltage;
+    "Start(BrownOut)" = Fault::Start, StartFault::BrownOut;
 }
 
 /// What the analysis of a tick's sensors has found: all that [`decide`] needs.
@@ -351,7 +360,8 @@ mod tests {
                       Encoder(Range) Encoder(Step) Encoder(Stuck) \
                       OverPressure OverContraction MissedTicks LoadedLever NotVented NotStill \
                       Uncommanded PressureControl ForceBalance OverSpeed Memory EmergencyStop \
-                      StopContactsDiffer";
+                      StopContactsDiffer Start(Image) Start(Ram) Start(Stack) Start(Supply) \
+                      Start(ValveVoltage) Start(BrownOut)";
         assert!(
             faults
                 .split(' ')

@@ -11,12 +11,13 @@ use syn::visit::{self, Visit};
 use syn::{Attribute, Expr, ImplItem, Item, Token, UseTree};
 
 /// The crates, as folders of the repository.
-const CRATES: [&str; 5] = [
+const CRATES: [&str; 6] = [
     "model-core",
     "muscle-plant",
     "model-discrepancy",
     "hil-sim",
     "firmware",
+    "firmware/drivers",
 ];
 
 /// Cycles inside one folder that are intended: the files in alphabetical order, and the reason.

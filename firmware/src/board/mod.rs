@@ -1,33 +1,30 @@
-//! The board: clocks, times, pins and flash sectors. Constants and types only; the drivers use
-//! them. Each board has its own file, selected by a cargo feature.
-
-mod pins;
+//! The board: clocks, times, pins and flash sectors. Constants, types and configuration only; the
+//! drivers use them. Each board has its own file, selected by a cargo feature, and its memory
+//! beside it (the default board's is memory.x in the repository's root).
+//!
+//! What is the same on every STM32F4, and fixed in the drivers: the update event of TIM2 starts a
+//! scan of ADC1; after sixteen of them DMA2 stream 0 requests the interrupt of the tick. TIM3
+//! requests the interrupt of the link task every millisecond. TIM5 counts the encoder's edges.
 
 #[cfg(feature = "nucleo-f446re")]
 mod nucleo_f446re;
 #[cfg(feature = "nucleo-f446re")]
 pub use nucleo_f446re::*;
 
-#[cfg(all(feature = "stm32f407", not(feature = "nucleo-f446re")))]
+#[cfg(feature = "stm32f407")]
 mod stm32f407;
-#[cfg(all(feature = "stm32f407", not(feature = "nucleo-f446re")))]
+#[cfg(feature = "stm32f407")]
 pub use stm32f407::*;
+
+#[cfg(feature = "nucleo-f411re")]
+mod nucleo_f411re;
+#[cfg(feature = "nucleo-f411re")]
+pub use nucleo_f411re::*;
 
 use core::num::NonZeroU32;
 use model_core::constants::TICK_PERIOD_MS;
 use model_core::sampling::SCANS;
-use stm32f4xx_hal::prelude::*;
-use stm32f4xx_hal::rcc::Config;
-
-/// CPU clock \[Hz\], by PLL from the chip's own oscillator (HSI, 16 MHz): no plug, probe or crystal
-/// can take it away. HSI is within 1 % at 25 °C and within 4 % from -10 to 85 °C (datasheets of the
-/// F405 and F446); at 4 % more every clock is still within the chips' limits: CPU 150 of 168 MHz
-/// with 4 wait states of the flash, APB1 37.5 of 42 MHz. From 144 MHz the divider of [`LINK_BAUD`]
-/// is off by 0.16 %, exactly as the ST-LINK's is from its 72 MHz.
-pub const SYSCLK_HZ: u32 = 144_000_000;
-
-/// Clock of the timers on APB1 \[Hz\]: APB1 runs at SYSCLK / 4, its timers at twice that.
-pub const TIMER_HZ: u32 = SYSCLK_HZ / 2;
+use stm32f4xx_hal::pac::{GPIOA, GPIOB, GPIOC};
 
 /// Tick period \[µs\].
 pub const TICK_US: u32 = 1_000 * TICK_PERIOD_MS;
@@ -43,9 +40,36 @@ pub const LINK_BAUD: u32 = 921_600;
 /// Period of the link task \[ms\].
 pub const LINK_PERIOD_MS: u32 = 1;
 
-/// The clocks.
-pub fn clocks() -> Config {
-    Config::hsi().sysclk(SYSCLK_HZ.Hz())
+/// The ports that boards use.
+pub struct Ports {
+    /// Port A.
+    pub a: GPIOA,
+    /// Port B.
+    pub b: GPIOB,
+    /// Port C.
+    pub c: GPIOC,
+}
+
+/// All pins in use, configured.
+pub struct Pins {
+    /// Strain bridge.
+    pub bridge: BridgePin,
+    /// Pressure sensor.
+    pub pressure: PressurePin,
+    /// Encoder A and B.
+    pub encoder: EncoderPins,
+    /// Valve.
+    pub valve: ValvePins,
+    /// Link TX and RX.
+    pub link: LinkPins,
+    /// User button.
+    pub button: ButtonPin,
+    /// Emergency stop.
+    pub stop: StopPins,
+    /// Valve in the muscle's port, low.
+    pub port: PortPin,
+    /// Status lamp, dark.
+    pub lamp: LampPin,
 }
 
 const _: () = {

@@ -1,10 +1,14 @@
 //! Strain bridge, pressure sensor and internal reference: the tick timer triggers scans of ADC1
 //! at equal intervals over the whole period of a tick, and the DMA writes them to RAM.
 
+use super::valve::Valve;
 use crate::board::{BridgePin, PressurePin};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
+use embedded_hal::delay::DelayNs;
 use model_core::sampling::{INPUTS, SAMPLES, Sampler};
-use model_core::signal::AdcCount;
+use model_core::signal::{AdcCount, DacCount};
+use model_core::start::{VALVE_LEVELS, valve_level};
+use rig_drivers::valve::AnalogOutput;
 use stm32f4xx_hal::adc::config::{
     AdcConfig, Clock, Dma, ExternalTrigger, SampleTime, Scan, Sequence, TriggerMode,
 };
@@ -20,10 +24,17 @@ use stm32f4xx_hal::{ClearFlags, Listen, adc};
 /// The buffer of the DMA: atomics, because the CPU reads while the DMA may write.
 static CONVERSIONS: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
 
+/// Time for the reference and for the valve's voltage to settle \[µs\].
+const SETTLE_US: u32 = 20;
+
 /// The converter, [`SAMPLES`] conversions per tick.
 pub struct Adc {
     stream: Stream0<DMA2>,
     sampler: Sampler,
+    /// Before the first tick: the internal reference \[counts\].
+    pub start_reference: u16,
+    /// The valve's voltage at each of [`VALVE_LEVELS`] \[counts\].
+    pub start_valve: [u16; VALVE_LEVELS.len()],
 }
 
 impl Adc {
@@ -33,6 +44,8 @@ impl Adc {
         mut stream: Stream0<DMA2>,
         bridge: BridgePin,
         pressure: PressurePin,
+        valve: &mut Valve,
+        delay: &mut impl DelayNs,
         rcc: &mut Rcc,
     ) -> Adc {
         let config = AdcConfig::default()
@@ -41,11 +54,12 @@ impl Adc {
             .external_trigger(TriggerMode::RisingEdge, ExternalTrigger::Tim_2_trgo)
             .dma(Dma::Continuous);
         let mut adc = adc::Adc::new(adc1, true, config, rcc);
+        adc.enable_temperature_and_vref();
+        let (start_reference, start_valve) = first_readings(&mut adc, valve, delay);
         // 84 cycles are 4.7 µs; the reference needs 10 µs.
         adc.configure_channel(&bridge, Sequence::One, SampleTime::Cycles_84);
         adc.configure_channel(&pressure, Sequence::Two, SampleTime::Cycles_84);
         adc.configure_channel(&adc::Vref, Sequence::Three, SampleTime::Cycles_480);
-        adc.enable_temperature_and_vref();
         const { assert!(INPUTS == 3) };
         stream.set_channel(DmaChannel::Channel0);
         stream.set_direction(DmaDirection::PeripheralToMemory);
@@ -64,8 +78,13 @@ impl Adc {
             stream.set_peripheral_size(DmaDataSize::HalfWord);
             stream.enable();
         }
-        let sampler = Sampler::new(VrefCal::get().read());
-        Adc { stream, sampler }
+        let sampler = Sampler::new(calibrated_reference());
+        Adc {
+            stream,
+            sampler,
+            start_reference,
+            start_valve,
+        }
     }
 
     /// The readings of bridge and pressure sensor over the last period. Clears the interrupt of the
@@ -75,4 +94,29 @@ impl Adc {
         let conversions = core::array::from_fn(|n| CONVERSIONS[n].load(Relaxed));
         self.sampler.readings(&conversions)
     }
+}
+
+/// The internal reference at 3.3 V, measured in the factory \[counts\].
+pub fn calibrated_reference() -> u16 {
+    VrefCal::get().read()
+}
+
+/// The internal reference, and the valve's voltage at each of [`VALVE_LEVELS`], for the start-up
+/// self-test. Leaves the valve at 0 V.
+fn first_readings(
+    adc: &mut adc::Adc<ADC1>,
+    valve: &mut Valve,
+    delay: &mut impl DelayNs,
+) -> (u16, [u16; VALVE_LEVELS.len()]) {
+    // The reference starts in 10 µs.
+    delay.delay_us(SETTLE_US);
+    let reference = adc.convert(&adc::Vref, SampleTime::Cycles_480);
+    // The first level is 0 V: a converter that hangs does so before the voltage rises.
+    let levels = core::array::from_fn(|index| {
+        valve.set(valve_level(index));
+        delay.delay_us(SETTLE_US);
+        adc.convert(&valve.read_back, SampleTime::Cycles_480)
+    });
+    valve.set(DacCount::default());
+    (reference, levels)
 }

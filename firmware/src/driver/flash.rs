@@ -1,55 +1,55 @@
-//! The stored settings, in two flash sectors. `model_core::store` decides where to write.
+//! The flash sectors of the settings.
 
 use crate::board::SETTINGS_SECTORS;
-use model_core::link::SettingsSource;
-use model_core::settings::{Settings, SettingsValues};
-use model_core::store;
+use rig_drivers::store::Sectors;
 use stm32f4xx_hal::flash::FlashExt;
 use stm32f4xx_hal::pac::FLASH;
 
-/// The store of the settings.
-pub struct Store(FLASH);
+/// The flash controller.
+pub struct Flash(FLASH);
 
-impl Store {
-    /// Makes the store of the flash controller.
-    pub fn new(flash: FLASH) -> Store {
-        Store(flash)
+impl Flash {
+    /// Takes the flash controller.
+    pub fn new(flash: FLASH) -> Flash {
+        Flash(flash)
     }
 
-    /// The stored settings; the reference settings if none are stored or they are unreadable.
-    pub fn load(&self) -> (Settings, SettingsSource) {
-        let source = match store::load(self.sectors()) {
-            Ok(Some(settings)) => return (settings, SettingsSource::Stored),
-            Ok(None) => SettingsSource::Reference,
-            Err(_) => SettingsSource::ReferenceAsUnreadable,
-        };
-        match Settings::new(SettingsValues::reference()) {
-            Ok(settings) => (settings, source),
-            Err(_) => unreachable!("model-core tests that the reference is valid"),
-        }
+    /// The program.
+    pub fn program(&self) -> &[u8] {
+        let [(_, settings), _] = SETTINGS_SECTORS;
+        &self.0.read()[..settings.start]
     }
 
-    /// Stores settings and reads them back; false if that fails. The CPU stalls for milliseconds,
-    /// or for seconds if a sector must be erased.
-    pub fn store(&mut self, settings: &Settings) -> bool {
-        let Ok(write) = store::store(self.sectors(), settings) else {
-            return false;
-        };
-        // The data cache is not coherent with flash writes: off here, and flushed afterwards.
+    /// The option BOR_LEV: 0 resets the chip below 2.7 V, 3 only below 1.8 V.
+    pub fn brown_out_level(&self) -> u8 {
+        (self.0.optcr().read().bits() >> 2 & 3) as u8
+    }
+
+    /// Changes the flash. The data cache is not coherent with that: off here, and emptied
+    /// afterwards.
+    fn change(&mut self, operation: impl FnOnce(&mut FLASH) -> bool) -> bool {
         self.0.acr().modify(|_, w| w.dcen().clear_bit());
-        let (number, range) = &SETTINGS_SECTORS[write.sector];
-        let mut flash = self.0.unlocked();
-        let erased = !write.erase || flash.erase(*number).is_ok();
-        let offset = range.start + write.offset;
-        let written = erased && flash.program(offset, write.bytes().iter()).is_ok();
-        drop(flash);
+        let done = operation(&mut self.0);
         self.0.acr().modify(|_, w| w.dcrst().set_bit());
         self.0.acr().modify(|_, w| w.dcrst().clear_bit());
         self.0.acr().modify(|_, w| w.dcen().set_bit());
-        written && store::load(self.sectors()) == Ok(Some(*settings))
+        done
     }
+}
 
+impl Sectors for Flash {
     fn sectors(&self) -> [&[u8]; 2] {
         SETTINGS_SECTORS.map(|(_, range)| &self.0.read()[range])
+    }
+
+    fn erase(&mut self, sector: usize) -> bool {
+        let (number, _) = SETTINGS_SECTORS[sector];
+        self.change(|flash| flash.unlocked().erase(number).is_ok())
+    }
+
+    fn program(&mut self, sector: usize, offset: usize, bytes: &[u8]) -> bool {
+        let (_, range) = &SETTINGS_SECTORS[sector];
+        let offset = range.start + offset;
+        self.change(|flash| flash.unlocked().program(offset, bytes.iter()).is_ok())
     }
 }

@@ -1,44 +1,55 @@
-//! Device drivers, one file per device. They implement what the HAL lacks and take
-//! `embedded-hal` 1.0 traits where one exists; it has none for an ADC, a DAC, an encoder, a
-//! watchdog, flash or DMA. Pins, clocks and sectors come from [`board`].
+//! What binds devices to the chip: the units of the STM32F4 behind the traits of `rig-drivers`, and
+//! what has no such trait (converter, serial port, tick timer), one file per unit. Pins, clocks and
+//! sectors come from [`board`].
 
 pub mod adc;
-pub mod button;
-pub mod encoder;
+pub mod counter;
 pub mod flash;
-pub mod output;
+pub mod iwdg;
 pub mod serial;
-pub mod stop;
 pub mod tick_timer;
-pub mod valve;
-pub mod watchdog;
 
-use crate::board::{self, ButtonPin, LampPin, Pins, PortPin, StopPins};
+#[cfg(not(feature = "mcp4922"))]
+pub mod dac;
+#[cfg(not(feature = "mcp4922"))]
+pub use dac as valve;
+#[cfg(feature = "mcp4922")]
+pub mod spi_dac;
+#[cfg(feature = "mcp4922")]
+pub use spi_dac as valve;
+
+use crate::board::{self, ButtonPin, LampPin, PortPin, Ports, StopPins};
+use crate::{crash, ram};
 use adc::Adc;
-use button::Button;
-use encoder::Encoder;
-use flash::Store;
-use output::Output;
+use counter::Counter;
+use flash::Flash;
+use iwdg::Iwdg;
+use model_core::link;
+use model_core::start::StartFindings;
+use rig_drivers::button::Button;
+use rig_drivers::encoder::Encoder;
+use rig_drivers::output::Output;
+use rig_drivers::stop::Stop;
+use rig_drivers::store::Store;
+use rig_drivers::watchdog::Watchdog;
 use serial::Serial;
 use stm32f4xx_hal::dma::StreamsTuple;
 use stm32f4xx_hal::pac::{self, TIM3};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::timer::{CounterUs, Event, SysDelay};
-use stop::Stop;
 use tick_timer::TickTimer;
 use valve::Valve;
-use watchdog::Watchdog;
 
 /// All devices of the board, ready for use.
 pub struct Devices {
     /// Watchdog, running with the long timeout.
-    pub watchdog: Watchdog,
+    pub watchdog: Watchdog<Iwdg>,
     /// Stored settings.
-    pub store: Store,
+    pub store: Store<Flash>,
     /// Strain bridge and pressure sensor.
     pub adc: Adc,
     /// Encoder, counting.
-    pub encoder: Encoder,
+    pub encoder: Encoder<Counter>,
     /// User button.
     pub button: Button<ButtonPin>,
     /// Emergency stop.
@@ -55,6 +66,8 @@ pub struct Devices {
     pub link_timer: CounterUs<TIM3>,
     /// Timer of the ticks, stopped.
     pub tick_timer: TickTimer,
+    /// What the start-up self-test has measured.
+    pub findings: StartFindings,
     /// SysTick as a delay.
     pub delay: SysDelay,
 }
@@ -64,19 +77,50 @@ impl Devices {
     pub fn new(device: pac::Peripherals, mut core: cortex_m::Peripherals) -> Devices {
         // Keeps the CPU clock, and with it the cycle counter, running in sleep mode.
         device.DBGMCU.cr().modify(|_, w| w.dbg_sleep().set_bit());
-        let watchdog = Watchdog::start(device.IWDG, device.DBGMCU);
+        let watchdog = Watchdog::new(Iwdg::start(device.IWDG, device.DBGMCU));
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
 
         let mut rcc = device.RCC.freeze(board::clocks());
         assert!(rcc.clocks.sysclk().raw() == board::SYSCLK_HZ);
         assert!(rcc.clocks.timclk1().raw() == board::TIMER_HZ);
-        let pins = Pins::new(device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
-        let valve = Valve::new(device.DAC, pins.valve, &mut rcc);
+        // Before any DMA.
+        let stack_free_bytes = crash::stack_free_bytes();
+        let ram = ram::holds_patterns();
+        let flash = Flash::new(device.FLASH);
+        let image = link::check_image(flash.program());
+        let ports = Ports {
+            a: device.GPIOA,
+            b: device.GPIOB,
+            c: device.GPIOC,
+        };
+        let pins = board::pins(ports, &mut rcc);
+        #[cfg(not(feature = "mcp4922"))]
+        let unit: valve::Unit = device.DAC;
+        #[cfg(feature = "mcp4922")]
+        let unit: valve::Unit = device.SPI2;
+        let mut delay = core.SYST.delay(&rcc.clocks);
+        let mut valve = Valve::new(unit, pins.valve, &mut rcc);
         let dma1 = StreamsTuple::new(device.DMA1, &mut rcc);
         let dma2 = StreamsTuple::new(device.DMA2, &mut rcc);
-        let adc = Adc::new(device.ADC1, dma2.0, pins.bridge, pins.pressure, &mut rcc);
-        let encoder = Encoder::new(device.TIM5, pins.encoder, &mut rcc);
+        let adc = Adc::new(
+            device.ADC1,
+            dma2.0,
+            pins.bridge,
+            pins.pressure,
+            &mut valve,
+            &mut delay,
+            &mut rcc,
+        );
+        let findings = StartFindings {
+            image,
+            ram,
+            stack_free_bytes,
+            reference: (adc.start_reference, adc::calibrated_reference()),
+            valve: adc.start_valve,
+            brown_out_level: flash.brown_out_level(),
+        };
+        let encoder = Encoder::new(Counter::new(device.TIM5, pins.encoder, &mut rcc));
         let serial = Serial::new(device.USART2, pins.link, (dma1.5, dma1.6), &mut rcc);
         let mut link_timer = device.TIM3.counter_us(&mut rcc);
         link_timer.listen(Event::Update);
@@ -84,7 +128,8 @@ impl Devices {
         assert!(started.is_ok());
         Devices {
             watchdog,
-            store: Store::new(device.FLASH),
+            store: Store(flash),
+            findings,
             adc,
             encoder,
             button: Button(pins.button),
@@ -95,7 +140,7 @@ impl Devices {
             serial,
             link_timer,
             tick_timer: TickTimer::new(device.TIM2, &mut rcc),
-            delay: core.SYST.delay(&rcc.clocks),
+            delay,
         }
     }
 }

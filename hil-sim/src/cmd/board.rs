@@ -6,7 +6,7 @@ use hil_sim::bench::port::emulated::{self, Emulated};
 #[cfg(feature = "serial")]
 use hil_sim::bench::port::serial::Serial;
 use hil_sim::error::BadInput;
-use model_core::link::{Board, Identity};
+use model_core::link::Identity;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 #[cfg(feature = "terminal")]
@@ -79,10 +79,13 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
 
 /// The board's name, firmware and last faults as text.
 pub fn describe(identity: &Identity) -> String {
-    let board = match identity.board {
-        Board::NucleoF446re => "NUCLEO-F446RE",
-        Board::Stm32f407 => "STM32F407",
-    };
+    let name = identity.board.iter().take_while(|byte| **byte != 0);
+    let board: String = name
+        .map(|byte| match byte {
+            0x20..0x7f => char::from(*byte),
+            _ => '?',
+        })
+        .collect();
     let [major, minor, patch] = identity.firmware;
     let mut words = format!("{board}, firmware {major}.{minor}.{patch}");
     if identity.commit != 0 {
@@ -93,6 +96,9 @@ pub fn describe(identity: &Identity) -> String {
     }
     if let Some(fault) = identity.fault {
         words += &format!(", whose controller had latched {fault} before the reset");
+    }
+    if let Some(fault) = identity.start {
+        words += &format!(". Start-up self-test: {fault}: {}", fault.help());
     }
     words
 }

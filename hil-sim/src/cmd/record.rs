@@ -23,6 +23,7 @@ use model_core::io::Request;
 use model_core::link::{FromDevice, Source, Telemetry, ToDevice};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::supervisor::Mode;
+use model_core::timing::Timing;
 use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -85,7 +86,48 @@ struct Summary {
     /// How the test signal ended, if one was played.
     #[serde(skip_serializing_if = "Option::is_none")]
     played: Option<String>,
+    /// Not with an emulated board in lockstep, whose report has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    timing: Option<TimingSummary>,
     link: LinkCounts,
+}
+
+/// The board's own measurement of its ticks and its link, since its reset.
+#[derive(Serialize)]
+struct TimingSummary {
+    tick_us_last: f64,
+    tick_us_max: f64,
+    late_us_max: f64,
+    missed_ticks: u32,
+    link_load: f64,
+}
+
+impl TimingSummary {
+    fn new(cpu_hz: u32, timing: &Timing) -> TimingSummary {
+        let microseconds = |cycles: u32| 1e6 * f64::from(cycles) / f64::from(cpu_hz.max(1));
+        TimingSummary {
+            tick_us_last: microseconds(timing.busy_cycles),
+            tick_us_max: microseconds(timing.busy_cycles_max),
+            late_us_max: microseconds(timing.late_cycles_max),
+            missed_ticks: timing.missed_ticks_total,
+            link_load: 1e-3 * f64::from(timing.link_per_mille),
+        }
+    }
+}
+
+impl std::fmt::Display for TimingSummary {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(
+            f,
+            "The board's ticks since its reset: {:.1} µs the last one, {:.1} µs the longest, at \
+             most {:.1} µs late, {} missed. Its link is {:.0} % busy.",
+            self.tick_us_last,
+            self.tick_us_max,
+            self.late_us_max,
+            self.missed_ticks,
+            100.0 * self.link_load
+        )
+    }
 }
 
 /// Runs the command.
@@ -125,7 +167,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if *settings.values() != values && board.line.write_settings(&values).is_err() {
         eprintln!("the board still allows test signals: its old settings could not be restored");
     }
-    let replayable = listened?;
+    let heard = listened?;
     let played = player.map(|player| ended(&player));
     print_summary(
         args,
@@ -133,8 +175,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             board: words,
             record: args.out.display().to_string(),
             ticks: recorder.finish()?,
-            replayable,
+            replayable: heard.replayable,
             played,
+            timing: Some(TimingSummary::new(board.identity.cpu_hz, &heard.timing)),
             link: board.line.counts(),
         },
     )
@@ -149,6 +192,9 @@ fn print_summary(args: &Args, summary: &Summary) -> Result<(), Failure> {
         super::print(&format!(
             "{ticks} ticks in {record}, {lost} lost in transmission.\n"
         ))?;
+        if let Some(timing) = &summary.timing {
+            super::print(&format!("{timing}\n"))?;
+        }
         if let Some(played) = &summary.played {
             super::print(&format!("The test signal: {played}.\n"))?;
         }
@@ -275,6 +321,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
             ticks: ticks.len(),
             replayable: true,
             played: Some(played),
+            timing: None,
             link: report.link,
         },
     )
@@ -348,17 +395,25 @@ fn play(
     }
 }
 
-/// Records until an interrupt or the end of the duration; returns whether the record can be
-/// replayed.
+/// What was heard from a board.
+#[derive(Default)]
+struct Heard {
+    /// The record can be replayed.
+    replayable: bool,
+    /// Of the last tick.
+    timing: Timing,
+}
+
+/// Records until an interrupt or the end of the duration.
 fn listen(
     args: &Args,
     board: &mut Connected,
     timeline: &mut Timeline,
     recorder: &mut Recorder,
     (player, shutoff_valve): (&mut Option<Player>, &mut ShutoffValve),
-) -> Result<bool, Failure> {
+) -> Result<Heard, Failure> {
     let begin = Instant::now();
-    let mut replayable = false;
+    let mut outcome = Heard::default();
     let mut progress = Progress::default();
     let mut heard = false;
     loop {
@@ -367,10 +422,10 @@ fn listen(
             .duration
             .is_some_and(|duration_s| elapsed_s >= duration_s)
         {
-            return Ok(replayable);
+            return Ok(outcome);
         }
         let message = match board.line.next(TICK) {
-            Err(LinkError::Stopped) => return Ok(replayable),
+            Err(LinkError::Stopped) => return Ok(outcome),
             message => message?,
         };
         for line in board.line.take_log() {
@@ -387,13 +442,14 @@ fn listen(
                 }
                 if let Some(mut row) = timeline.row(&telemetry, elapsed_s) {
                     row.shut = player.as_ref().map(|_| shutoff_valve.now);
-                    replayable |= row.start_settings.is_some();
+                    outcome.replayable |= row.start_settings.is_some();
                     recorder.push(&row)?;
                     progress.show(&row);
                 }
+                outcome.timing = telemetry.timing;
                 heard = true;
                 if player.as_ref().is_some_and(|player| player.end().is_some()) {
-                    return Ok(replayable);
+                    return Ok(outcome);
                 }
             }
             // After a reset.
@@ -436,5 +492,26 @@ impl Progress {
             "\r{:.0} s: {mode}{fault}, {pressure_kpa:.0} kPa   ",
             row.time_s
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn timing_is_told_in_microseconds_of_the_boards_clock() {
+        let timing = Timing {
+            busy_cycles: 7_200,
+            busy_cycles_max: 14_400,
+            late_cycles_max: 72,
+            missed_ticks_total: 3,
+            link_per_mille: 70,
+            ..Timing::default()
+        };
+        let text = TimingSummary::new(144_000_000, &timing).to_string();
+        let expected = "50.0 µs the last one, 100.0 µs the longest, at most 0.5 µs late, 3 missed. \
+                        Its link is 7 % busy.";
+        assert!(text.ends_with(expected), "{text}");
     }
 }

@@ -30,6 +30,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let wanted = args.write.as_deref().map(settings_file::read).transpose()?;
     let mut board = connect(args.port.as_deref())?;
+    if let Some(fault) = board.identity.start {
+        eprintln!("start-up self-test: {fault}: {}", fault.help());
+    }
     if let Some(wanted) = wanted {
         board.line.write_settings(wanted.values())?;
     }

@@ -94,7 +94,7 @@ fn hex(settings: &Settings) -> String {
 }
 
 /// The columns of a record of ticks, in the file's order.
-pub const COLUMNS: [Column; 23] = [
+pub const COLUMNS: [Column; 24] = [
     number(record::TIME_S, "s", "Time of the sample", |row| {
         Cell::Number(row.time_s)
     }),
@@ -211,6 +211,12 @@ pub const COLUMNS: [Column; 23] = [
         "CPU cycles",
         "Duration of the previous tick",
         |row| maybe(row.board.map(|(.., timing)| timing.busy_cycles.into())),
+    ),
+    number(
+        record::LINK_PER_MILLE,
+        "1/1000",
+        "Load of the serial link in the last whole second, in its busier direction",
+        |row| maybe(row.board.map(|(.., timing)| timing.link_per_mille.into())),
     ),
     text(
         record::SETTINGS,

@@ -66,12 +66,14 @@ pub const SOURCE: &str = "source";
 pub const LATE_CYCLES: &str = "late_cycles";
 /// Duration of the previous tick \[CPU cycles\].
 pub const BUSY_CYCLES: &str = "busy_cycles";
+/// Load of the board's serial link \[1/1000\].
+pub const LINK_PER_MILLE: &str = "link_per_mille";
 /// Empty except in the tick in which the controller restarts: its settings as stored in flash, in
 /// hexadecimal digits.
 pub const SETTINGS: &str = "settings";
 
 /// The known columns and the range of values that they can have on any rig of this kind.
-const KNOWN: [(&str, f64, f64); 20] = [
+const KNOWN: [(&str, f64, f64); 21] = [
     (TIME_S, -1e12, 1e12),
     (PRESSURE_REF_PA, -1e8, 1e8),
     (PRESSURE_PA, -1e8, 1e8),
@@ -92,6 +94,7 @@ const KNOWN: [(&str, f64, f64); 20] = [
     (REFERENCE_FORCE_N, -1e6, 1e6),
     (LATE_CYCLES, 0.0, U32_MAX),
     (BUSY_CYCLES, 0.0, U32_MAX),
+    (LINK_PER_MILLE, 0.0, 65_535.0),
 ];
 
 const U32_MAX: f64 = u32::MAX as f64;

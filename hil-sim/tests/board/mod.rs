@@ -11,8 +11,8 @@ use hil_sim::bench::port::client::{Transport, TransportError};
 use model_core::device::{Command, Device, Pins};
 use model_core::io::{Request, Sensors};
 use model_core::link::{
-    Board, Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice,
-    Written, encode,
+    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, Written,
+    board_name, encode,
 };
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
@@ -138,11 +138,12 @@ impl DeviceBoard {
         let identity = Identity {
             firmware: [0, 1, 0],
             commit: 0,
-            board: Board::NucleoF446re,
+            board: board_name("NUCLEO-F446RE"),
             cpu_hz: 180_000_000,
             reset: ResetCause::Pin,
             crash: None,
             fault: None,
+            start: None,
             settings: SettingsSource::Reference,
             stack_free_bytes: 0,
             frames_rejected: self.frames_rejected,

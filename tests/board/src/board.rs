@@ -1,6 +1,7 @@
 //! The interface of the board: pins, serial link, supply, reset button, and time.
 
 use crate::adc::Imperfection;
+use crate::chip::Chip;
 use crate::cpu::{Cpu, ExceptionEvent};
 use crate::elf::{self, BadElf};
 use crate::engine::{RAM, RAM_LEN};
@@ -35,7 +36,7 @@ pub struct Reset {
     pub cause: ResetCause,
 }
 
-/// A NUCLEO-F446RE with a firmware in its flash.
+/// A board with a firmware in its flash; the firmware says for which chip it is.
 pub struct Board {
     cpu: Cpu,
     log: Option<Log>,
@@ -59,16 +60,17 @@ impl Board {
                 _ => return Err(BadElf(format!("{address:#010x} is not in the flash"))),
             }
         }
-        let mut board = Board::from_flash(cells);
-        board.symbols = elf::symbols(elf);
+        let symbols = elf::symbols(elf);
+        let mut board = Board::from_flash(cells, Chip::of(&symbols)?);
+        board.symbols = symbols;
         board.log = Log::new(elf, &board.symbols);
         Ok(board)
     }
 
     /// A board whose flash contains `cells`, without symbols and logs.
-    pub fn from_flash(cells: Vec<u8>) -> Board {
+    pub fn from_flash(cells: Vec<u8>, chip: Chip) -> Board {
         Board {
-            cpu: Cpu::new(Soc::new(Flash::new(cells))),
+            cpu: Cpu::new(Soc::new(Flash::new(cells), chip)),
             log: None,
             symbols: vec![],
             powered: true,
@@ -218,6 +220,21 @@ impl Board {
         self.cpu.soc_mut().external.converter = imperfection;
     }
 
+    /// Pulls the valve's output to a voltage, as a short circuit or a wrong amplifier would.
+    pub fn load_valve(&mut self, volts: Option<f64>) {
+        self.cpu.soc_mut().external.valve_load = volts;
+    }
+
+    /// Sets the option BOR_LEV: 0 is the highest level, 3 (a new chip) is off.
+    pub fn set_brown_out_level(&mut self, level: u8) {
+        self.cpu.soc_mut().flash.brown_out_level = level;
+    }
+
+    /// From now on some bits of a word of the RAM read as 1.
+    pub fn stick_ram(&mut self, address: u32, bits: u32) {
+        self.cpu.stick_ram(address, bits);
+    }
+
     /// Drives a pin to a digital level, or lets it float.
     pub fn set_level(&mut self, pin: Pin, level: Option<bool>) {
         let soc = self.cpu.soc_mut();
@@ -239,8 +256,13 @@ impl Board {
         self.cpu.soc_mut().set_encoder(position);
     }
 
-    /// Voltage at the pin of DAC channel 1 or 2. A floating pin is at 0 V because of the resistor
-    /// in docs/wiring.md.
+    /// The chip.
+    pub fn chip(&self) -> Chip {
+        self.cpu.soc().chip
+    }
+
+    /// Voltage at the pin of DAC channel 1 or 2, or of the MCP4922 in place of the first. A
+    /// floating pin is at 0 V because of the resistor in docs/wiring.md.
     pub fn dac_volts(&self, channel: usize) -> f64 {
         self.cpu.soc().dac_volts(channel - 1).unwrap_or(0.0)
     }

@@ -8,7 +8,7 @@ use crate::rcc::ResetCause;
 use crate::scb;
 use crate::soc::{Soc, is_flash};
 use crate::time::Time;
-use unicorn_engine::{RegisterARM as R, uc_error};
+use unicorn_engine::{HookType, RegisterARM as R, uc_error};
 
 /// One exception entered or left.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -74,6 +74,22 @@ impl Cpu {
     /// Bytes of RAM, flash or factory area; none if the address is not mapped.
     pub fn memory(&self, address: u32, len: usize) -> Option<Vec<u8>> {
         self.uc.mem_read_as_vec(address.into(), len).ok()
+    }
+
+    /// From now on `bits` of the word at `address` read as 1.
+    pub fn stick_ram(&mut self, address: u32, bits: u32) {
+        let (begin, end) = (u64::from(address), u64::from(address) + 3);
+        let stuck = HookType::MEM_READ;
+        must(
+            self.uc
+                .add_mem_hook(stuck, begin, end, move |uc, _, _, _, _| {
+                    let mut word = [0; 4];
+                    must(uc.mem_read(begin, &mut word));
+                    let read = u32::from_le_bytes(word) | bits;
+                    must(uc.mem_write(begin, &read.to_le_bytes()));
+                    true
+                }),
+        );
     }
 
     /// Overwrites RAM.

@@ -54,6 +54,8 @@ pub struct Flash {
     pub changed: Vec<Range<usize>>,
     /// Sectors erased since the board was created.
     pub erase_count: u64,
+    /// The option BOR_LEV; a new chip has 3, which is off.
+    pub brown_out_level: u8,
     acr: u32,
     sr: u32,
     cr: u32,
@@ -102,6 +104,7 @@ impl Flash {
             cells,
             changed: vec![],
             erase_count: 0,
+            brown_out_level: 3,
             acr: 0,
             sr: 0,
             cr: LOCK,
@@ -160,7 +163,7 @@ impl Flash {
             0x00 => self.acr,
             0x0c => self.sr | if self.operation.is_some() { BSY } else { 0 },
             0x10 => self.cr,
-            0x14 => 0x0fff_aaed,
+            0x14 => 0x0fff_aae1 | u32::from(self.brown_out_level) << 2,
             _ => 0,
         }
     }

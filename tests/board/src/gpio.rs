@@ -55,6 +55,17 @@ pub const LINK_RX: Pin = pin('A', 3);
 /// Pins of the two DAC channels.
 pub const DAC_PINS: [Pin; 2] = [pin('A', 4), pin('A', 5)];
 
+/// The valve's voltage: the pin of the DAC, or wired to the MCP4922 in its place.
+pub const VALVE: Pin = pin('A', 4);
+/// Pins of the MCP4922 on a board whose chip has no DAC: SCK and SDI at SPI2, CS, SHDN.
+pub const CONVERTER_CLOCK: Pin = pin('B', 13);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_DATA: Pin = pin('B', 15);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_SELECT: Pin = pin('B', 12);
+/// See [`CONVERTER_CLOCK`].
+pub const CONVERTER_SHUTDOWN: Pin = pin('B', 14);
+
 /// The pin of an ADC channel; none for the internal ones.
 pub fn adc_pin(channel: u32) -> Option<Pin> {
     match channel as u8 {
@@ -72,6 +83,8 @@ pub struct External {
     pub volts: [[f64; 16]; PORTS],
     /// Level that a pin is driven to; none if it is not driven.
     pub levels: [[Option<bool>; 16]; PORTS],
+    /// Voltage that the valve's output is pulled to by what is connected; none if it is not loaded.
+    pub valve_load: Option<f64>,
     /// How the converter differs from an ideal one.
     pub converter: Imperfection,
 }
@@ -81,6 +94,7 @@ impl Default for External {
         External {
             volts: [[0.0; 16]; PORTS],
             levels: [[None; 16]; PORTS],
+            valve_load: None,
             converter: Imperfection::default(),
         }
     }

@@ -1,4 +1,4 @@
-//! An emulated NUCLEO-F446RE: the unmodified firmware runs on the PC.
+//! An emulated board with an STM32F446, F407 or F411: the unmodified firmware runs on the PC.
 //!
 //! A [`Board`] takes the ELF file that is flashed to a real board. The caller drives the pins,
 //! reads the DAC and the serial link, and advances time; so a plant on the PC is coupled in
@@ -26,6 +26,7 @@
 
 mod adc;
 mod board;
+mod chip;
 mod counters;
 mod cpu;
 mod dac;
@@ -44,12 +45,14 @@ mod pwr;
 mod rcc;
 mod scb;
 mod soc;
+mod spi;
 mod tim;
 mod time;
 mod usart;
 
 pub use adc::Imperfection;
 pub use board::{Board, LinkByte, Reset};
+pub use chip::Chip;
 pub use cpu::ExceptionEvent;
 pub use elf::BadElf;
 pub use errors::BoardError;

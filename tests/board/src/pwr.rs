@@ -1,20 +1,25 @@
 //! PWR: voltage scaling and over-drive, which 180 MHz needs (RM0390 chapter 5).
 
+use crate::chip::Chip;
+
 const ODEN: u32 = 1 << 16;
 const ODSWEN: u32 = 1 << 17;
 
 /// PWR_CR and the state that depends on it.
 pub struct Pwr {
+    chip: Chip,
     cr: u32,
 }
 
-impl Default for Pwr {
-    fn default() -> Self {
-        Pwr { cr: 0xc000 }
-    }
-}
-
 impl Pwr {
+    /// The state after a reset.
+    pub fn new(chip: Chip) -> Pwr {
+        Pwr {
+            chip,
+            cr: chip.pwr_cr(),
+        }
+    }
+
     /// Reads PWR_CR or PWR_CSR; the regulator is ready at once.
     pub fn read(&self, offset: u32) -> u32 {
         match offset {
@@ -34,13 +39,8 @@ impl Pwr {
 
     /// Maximum HCLK for the voltage scale in force \[Hz\].
     pub fn hclk_max_hz(&self) -> u64 {
-        match (self.cr >> 14 & 3, self.cr & ODSWEN != 0) {
-            (3, true) => 180_000_000,
-            (3, false) => 168_000_000,
-            (2, true) => 168_000_000,
-            (2, false) => 144_000_000,
-            _ => 120_000_000,
-        }
+        self.chip
+            .hclk_max_hz(self.cr >> 14 & 3, self.cr & ODSWEN != 0)
     }
 }
 
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn over_drive_must_be_enabled_before_it_is_switched_on() {
-        let mut pwr = Pwr::default();
+        let mut pwr = Pwr::new(Chip::F446);
         pwr.write(0, 0xc000 | ODEN | ODSWEN);
         assert_eq!(pwr.hclk_max_hz(), 168_000_000);
         pwr.write(0, 0xc000 | ODEN | ODSWEN);

@@ -1,5 +1,6 @@
 //! RCC: clock tree, clock gates, peripheral resets and reset flags (RM0390 chapter 6).
 
+use crate::chip::Chip;
 use crate::errors::Context;
 use crate::iwdg::LSI_HZ;
 use crate::time::{Time, period};
@@ -102,6 +103,8 @@ pub struct Rcc {
     /// The clocks in force.
     pub clocks: Clocks,
     oscillators: Oscillators,
+    /// The chip, whose limits are checked.
+    pub chip: Chip,
 }
 
 impl Rcc {
@@ -119,6 +122,7 @@ impl Rcc {
             words,
             clocks: Clocks::default(),
             oscillators,
+            chip: Chip::default(),
         };
         rcc.clocks = rcc.tree();
         rcc
@@ -273,14 +277,19 @@ impl Rcc {
                     "RCC: PLL input {input_hz} Hz is outside 0.95 to 2.1 MHz"
                 ));
             }
-            if !(100_000_000..=432_000_000).contains(&vco_hz) {
-                cx.error(format!("RCC: VCO {vco_hz} Hz is outside 100 to 432 MHz"));
+            let vco_min_hz = self.chip.vco_min_hz();
+            if !(vco_min_hz..=432_000_000).contains(&vco_hz) {
+                cx.error(format!(
+                    "RCC: VCO {vco_hz} Hz is outside {} to 432 MHz",
+                    vco_min_hz / 1_000_000
+                ));
             }
         }
+        let [hclk, pclk1, pclk2] = self.chip.clocks_max_hz();
         let limits = [
-            ("HCLK", clocks.hclk_hz, 180_000_000),
-            ("PCLK1", clocks.pclk1_hz, 45_000_000),
-            ("PCLK2", clocks.pclk2_hz, 90_000_000),
+            ("HCLK", clocks.hclk_hz, hclk),
+            ("PCLK1", clocks.pclk1_hz, pclk1),
+            ("PCLK2", clocks.pclk2_hz, pclk2),
         ];
         for (name, hz, limit_hz) in limits {
             if hz > limit_hz {

@@ -2,6 +2,7 @@
 //! and the time of the next event. Independent of how instructions are executed.
 
 use crate::adc::{Adc, VREFINT_VOLTS};
+use crate::chip::Chip;
 use crate::counters::{CycleCounter, SysTick};
 use crate::dac::Dac;
 use crate::dma::{Dma, Transfer};
@@ -14,6 +15,7 @@ use crate::pin::{Pin, pin};
 use crate::pwr::Pwr;
 use crate::rcc::{Bus, Clocks, Oscillators, Rcc, ResetCause};
 use crate::scb::Scb;
+use crate::spi::{Mcp4922, Spi};
 use crate::tim::{Pulses, Tim};
 use crate::time::{NEVER, Time, period, to_ns};
 use crate::usart::{Host, Usart};
@@ -43,6 +45,7 @@ enum Peripheral {
     Tim(usize),
     Iwdg,
     Usart2,
+    Spi2,
     Pwr,
     Dac,
     Adc,
@@ -62,6 +65,7 @@ fn peripheral_at(address: u32) -> Option<(Peripheral, Option<(Bus, u32)>)> {
             (Peripheral::Tim(index as usize), Some((Apb1, index)))
         }
         0x4000_3000 => (Peripheral::Iwdg, None),
+        0x4000_3800 => (Peripheral::Spi2, Some((Apb1, 14))),
         0x4000_4400 => (Peripheral::Usart2, Some((Apb1, 17))),
         0x4000_7000 => (Peripheral::Pwr, Some((Apb1, 28))),
         0x4000_7400 => (Peripheral::Dac, Some((Apb1, 29))),
@@ -112,6 +116,8 @@ pub struct Soc {
     pub instructions: u64,
     /// Address of the current instruction.
     pub pc: u32,
+    /// The chip.
+    pub chip: Chip,
     /// Clock tree.
     pub rcc: Rcc,
     /// Non-volatile memory.
@@ -143,6 +149,9 @@ pub struct Soc {
     tims: [Tim; TIMERS],
     adc: Adc,
     dac: Dac,
+    spi: Spi,
+    /// The valve's converter, if the chip has none.
+    mcp4922: Mcp4922,
     dma: [Dma; 2],
     usart: Usart,
     iwdg: Iwdg,
@@ -154,8 +163,9 @@ pub struct Soc {
 
 impl Soc {
     /// The state after the first power-up.
-    pub fn new(flash: Flash) -> Soc {
-        let rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
+    pub fn new(flash: Flash, chip: Chip) -> Soc {
+        let mut rcc = Rcc::new(ResetCause::Power, 0, Oscillators::default());
+        rcc.chip = chip;
         let unit = |hz| period(hz).0;
         let clocks = rcc.clocks;
         Soc {
@@ -163,6 +173,7 @@ impl Soc {
             cycle: clocks.cycle(),
             instructions: 0,
             pc: 0,
+            chip,
             flash,
             nvic: Nvic::default(),
             scb: Scb::default(),
@@ -175,11 +186,13 @@ impl Soc {
             encoder: 0,
             reset: None,
             halted: false,
-            pwr: Pwr::default(),
+            pwr: Pwr::new(chip),
             gpio: Gpio::default(),
             tims: std::array::from_fn(|i| Tim::new(i + 2, unit(clocks.timclk1_hz))),
             adc: Adc::new(unit(clocks.pclk2_hz)),
             dac: Dac::default(),
+            spi: Spi::new(unit(clocks.pclk1_hz)),
+            mcp4922: Mcp4922::default(),
             dma: [Dma::new(1), Dma::new(2)],
             usart: Usart::new(unit(clocks.pclk1_hz)),
             iwdg: Iwdg::new(rcc.oscillators().lsi_hz),
@@ -194,8 +207,12 @@ impl Soc {
     pub fn reset(&mut self, cause: ResetCause) {
         self.flash.reset(self.now);
         let flash = std::mem::replace(&mut self.flash, Flash::new(vec![]));
-        let mut new = Soc::new(flash);
+        let mut new = Soc::new(flash, self.chip);
         new.rcc = Rcc::new(cause, self.rcc.reset_flags(), self.rcc.oscillators());
+        new.rcc.chip = self.chip;
+        if cause != ResetCause::Power {
+            new.mcp4922 = self.mcp4922;
+        }
         // Only power-on resets the debug units.
         if cause != ResetCause::Power {
             new.memory.extend(
@@ -333,6 +350,7 @@ impl Soc {
             .for_each(|tim| tim.set_clock(now, unit(clocks.timclk1_hz)));
         self.adc.set_clock(unit(clocks.pclk2_hz));
         self.usart.set_clock(unit(clocks.pclk1_hz));
+        self.spi.set_clock(unit(clocks.pclk1_hz));
         self.systick.set_clock(now, clocks.cycle());
         self.cycles.set_clock(now, clocks.cycle());
         self.cycle = clocks.cycle();
@@ -370,13 +388,37 @@ impl Soc {
             self.error(format!("ADC1: {pin} is converted, but it is not analog"));
             return 0.0;
         }
+        if pin == gpio::VALVE {
+            let volts = self.dac_volts(0).unwrap_or(0.0);
+            return self.external.valve_load.unwrap_or(volts);
+        }
         self.external.volts[usize::from(pin.port)][usize::from(pin.number)]
     }
 
     /// Voltage of a DAC channel (0 or 1) at its pin; none if the pin floats.
+    ///
+    /// A chip without a DAC has an MCP4922 in the place of the first channel.
     pub fn dac_volts(&self, channel: usize) -> Option<f64> {
+        if !self.chip.has(Bus::Apb1, 29) {
+            let shutdown = self.gpio.output(gpio::CONVERTER_SHUTDOWN);
+            return self.mcp4922.volts(shutdown).filter(|_| channel == 0);
+        }
         let connected = self.gpio.mode(gpio::DAC_PINS[channel]) == Mode::Analog;
         self.dac.volts(channel).filter(|_| connected)
+    }
+
+    fn write_spi(&mut self, offset: u32, value: u32) {
+        let word = self.with(|soc, cx| soc.spi.write(offset, value, cx));
+        let wired = [gpio::CONVERTER_CLOCK, gpio::CONVERTER_DATA];
+        let wired = wired.map(|pin| self.gpio.mode(pin) == Mode::Alternate(5));
+        if let (Some((word, bits)), [true, true]) = (word, wired) {
+            self.mcp4922.shift(word, bits);
+        }
+    }
+
+    fn select_converter(&mut self) {
+        let select = self.gpio.output(gpio::CONVERTER_SELECT);
+        self.mcp4922.select(select == Some(false));
     }
 
     fn record_dac(&mut self) {
@@ -482,7 +524,10 @@ impl Soc {
 
     /// The peripheral at `address` if it exists and its clock is on; otherwise records an error.
     fn reach(&mut self, address: u32, verb: &str) -> Option<Peripheral> {
-        let Some((peripheral, gate)) = peripheral_at(address) else {
+        let exists =
+            |gate: Option<(Bus, u32)>| gate.is_none_or(|(bus, bit)| self.chip.has(bus, bit));
+        let found = peripheral_at(address).filter(|(_, gate)| exists(*gate));
+        let Some((peripheral, gate)) = found else {
             let page = address & !0x3ff;
             self.error(format!(
                 "model: no peripheral is modelled at {page:#010x}, {verb}"
@@ -510,6 +555,7 @@ impl Soc {
             Peripheral::Tim(index) => self.tims[index].read(offset, self.now),
             Peripheral::Iwdg => self.iwdg.read(offset, self.now),
             Peripheral::Usart2 => self.usart.read(offset),
+            Peripheral::Spi2 => self.spi.read(offset, self.now),
             Peripheral::Pwr => self.pwr.read(offset),
             Peripheral::Dac => self.dac.read(offset),
             Peripheral::Adc => self.adc.read(offset),
@@ -540,10 +586,14 @@ impl Soc {
             }
             Peripheral::Iwdg => self.iwdg.write(offset, value, self.now),
             Peripheral::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
+            Peripheral::Spi2 => self.write_spi(offset, value),
             Peripheral::Pwr => self.pwr.write(offset, value),
             Peripheral::Dac => self.with(|soc, cx| soc.dac.write(offset, value, cx)),
             Peripheral::Adc => self.with(|soc, cx| soc.adc.write(offset, value, cx)),
-            Peripheral::Gpio(port) => self.gpio.write(port, offset, value),
+            Peripheral::Gpio(port) => {
+                self.gpio.write(port, offset, value);
+                self.select_converter();
+            }
             Peripheral::Rcc => self.write_rcc(offset, value),
             Peripheral::Flash => self.with(|soc, cx| soc.flash.write(offset, value, cx)),
             Peripheral::Dma(index) => self.with(|soc, cx| soc.dma[index].write(offset, value, cx)),
@@ -585,8 +635,9 @@ impl Soc {
                     let number = bit as usize + 2;
                     self.tims[bit as usize] = Tim::new(number, unit(clocks.timclk1_hz));
                 });
+                bits(14..15).for_each(|_| self.spi = Spi::new(unit(clocks.pclk1_hz)));
                 bits(17..18).for_each(|_| self.usart = Usart::new(unit(clocks.pclk1_hz)));
-                bits(28..29).for_each(|_| self.pwr = Pwr::default());
+                bits(28..29).for_each(|_| self.pwr = Pwr::new(self.chip));
                 bits(29..30).for_each(|_| self.dac = Dac::default());
             }
             0x24 => bits(8..9).for_each(|_| self.adc = Adc::new(unit(clocks.pclk2_hz))),
@@ -616,8 +667,7 @@ impl Soc {
                     None => self.memory.get(&address).copied().unwrap_or(0),
                 },
             },
-            // DBGMCU_IDCODE of the F446
-            _ if address == 0xe004_2000 => 0x1000_6421,
+            _ if address == 0xe004_2000 => self.chip.idcode(),
             _ => self.memory.get(&address).copied().unwrap_or(0),
         }
     }
@@ -676,7 +726,7 @@ mod tests {
     const RCC: u32 = 0x4002_3800;
 
     fn soc(writes: &[(u32, u32)]) -> Soc {
-        let mut soc = Soc::new(Flash::new(vec![]));
+        let mut soc = Soc::new(Flash::new(vec![]), Chip::default());
         for (address, value) in writes {
             soc.write(*address, *value);
         }

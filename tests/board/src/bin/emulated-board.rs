@@ -71,6 +71,7 @@ fn run(path: &std::ffi::OsStr) -> Result<(), String> {
     let elf = std::fs::read(path).map_err(|error| format!("{path:?}: {error}"))?;
     let mut board = Board::new(&elf).map_err(|error| format!("{path:?}: {error:?}"))?;
     board.set_link_baud(LINK_BAUD);
+    board.set_brown_out_level(0);
     // The button is not pressed, and the contacts of the emergency stop are closed.
     for high in [pin('C', 13), pin('B', 10), pin('A', 8)] {
         board.set_level(high, Some(true));

@@ -1,6 +1,6 @@
 //! Assembles a program and creates a board with it.
 
-use emulated_board::Board;
+use emulated_board::{Board, Chip};
 use object::{Object, ObjectSection, ObjectSymbol};
 use std::process::Command;
 
@@ -59,5 +59,5 @@ pub fn board(program: &str) -> Board {
         }
     }
     cells.extend(code);
-    Board::from_flash(cells)
+    Board::from_flash(cells, Chip::default())
 }

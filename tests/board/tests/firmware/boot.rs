@@ -2,16 +2,25 @@
 
 use crate::budget::stack;
 use crate::rig::Rig;
-use model_core::link::{FRAME_LEN_MAX, ResetCause, SettingsSource, ToDevice, encode};
+use emulated_board::Chip;
+use model_core::link::{FRAME_LEN_MAX, ResetCause, SettingsSource, ToDevice, board_name, encode};
 use model_core::supervisor::Mode;
 
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
-fn boots_to_144_mhz_and_reports_its_identity() {
+fn boots_to_its_clock_and_reports_its_identity() {
     let mut rig = Rig::after_ms(30);
-    assert_eq!(rig.board.core_clock_hz(), 144_000_000);
+    let (name, hz) = match rig.board.chip() {
+        Chip::F446 => ("NUCLEO-F446RE", 144_000_000),
+        Chip::F407 => ("STM32F407", 144_000_000),
+        Chip::F411 => ("NUCLEO-F411RE", 72_000_000),
+    };
+    assert_eq!(rig.board.core_clock_hz(), hz);
     let identity = rig.identity();
-    assert_eq!(identity.cpu_hz, 144_000_000);
+    assert_eq!(
+        (identity.board, identity.cpu_hz),
+        (board_name(name), hz as u32)
+    );
     assert_eq!(identity.reset, ResetCause::Power);
     assert_eq!(identity.crash, None);
     assert_eq!(identity.settings, SettingsSource::Reference);

@@ -19,8 +19,8 @@ use std::collections::BTreeMap;
 
 /// Count of cases; the environment variable FAULT_CASES overrides it.
 const CASES: u64 = 60;
-/// Time from a reset to the first tick, rounded up: 1.2 ms of start-up, then sixteen scans. Later
-/// ticks follow every 10 ms.
+/// Time from a period's start to its tick, rounded up. The first tick is at this time or later
+/// after a reset, as the start takes some milliseconds; later ones follow every 10 ms.
 const CONVERTED_NS: u64 = 10_700_000;
 /// Time from a tick to the end of its telemetry.
 const TELEMETRY_NS: u64 = 3 * MS;
@@ -48,10 +48,12 @@ impl OnBoard {
         for (sector, address) in stored.iter().flatten().zip(SECTORS) {
             rig.board.write_flash(address, sector);
         }
+        // The start takes some milliseconds, which depend on the board's clock.
+        let first_tick_ns = Rig::new().next_tick_ns() - TICK_NS;
         OnBoard {
             rig,
             telemetry: Vec::new(),
-            tick_ns: 0,
+            tick_ns: first_tick_ns.saturating_sub(CONVERTED_NS),
             held: false,
             output: Output::default(),
         }

@@ -16,4 +16,5 @@ mod pins;
 mod rig;
 mod settings;
 mod soak;
+mod start;
 mod timing;

@@ -100,7 +100,7 @@ fn lamp_shows_the_mode() {
         rig.run_ms(10);
         let last = rig.telemetry().pop().expect("telemetry");
         let output = last.output;
-        let expected = lamp::is_lit(output.mode, output.fault, Request::None, last.tick);
+        let expected = lamp::is_lit(output.mode, output.fault, Request::None, false, last.tick);
         assert_eq!(rig.board.level(LAMP), Some(expected), "tick {}", last.tick);
         seen[usize::from(expected)] = true;
     }

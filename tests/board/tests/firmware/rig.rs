@@ -52,6 +52,7 @@ impl Rig {
     pub fn new() -> Rig {
         let mut board = Board::new(&firmware()).expect("an ELF for this board");
         board.set_link_baud(LINK_BAUD);
+        board.set_brown_out_level(0);
         board.set_level(BUTTON, Some(true));
         for contact in STOP {
             board.set_level(contact, Some(true));
@@ -77,7 +78,8 @@ impl Rig {
     /// which a mean over a tick does not remove.
     pub fn dither(&mut self) {
         self.dithers = self.dithers.wrapping_add(1);
-        let noise = self.dithers / 4 % 3;
+        // Not periodic: the mean over a tick could then stand still, whatever its phase.
+        let noise = (u32::from(self.dithers / 4).wrapping_mul(2_654_435_761) >> 16) as u16 % 3;
         self.board.set_analog(BRIDGE, volts(2047 + noise));
         self.board.set_analog(PRESSURE, volts(409 + noise));
     }

@@ -1,8 +1,9 @@
 //! Period, jitter and duration of the tick.
 
+use crate::budget::instructions_max;
 use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
 use emulated_board::ExceptionEvent;
-use model_core::link::ToDevice;
+use model_core::link::{Decoder, FromDevice, ToDevice};
 
 /// Control register of TIM2, which starts the conversions.
 const TIM2_CR1: u32 = 0x4000_0000;
@@ -66,7 +67,7 @@ fn ticks_have_a_period_of_10_ms_and_take_less_than_one_percent() {
     println!("jitter {jitter_ns} ns, longest tick {longest} instructions");
     assert!(jitter_ns < 100, "{jitter_ns} ns");
     assert!(
-        longest < 14_400,
+        longest < instructions_max(&rig),
         "{longest} instructions are more than 1 % of 10 ms"
     );
     let telemetry = rig.telemetry();
@@ -78,8 +79,14 @@ fn ticks_have_a_period_of_10_ms_and_take_less_than_one_percent() {
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn telemetry_reports_jitter_and_duration_within_the_same_bounds() {
     let mut rig = Rig::after_ms(500);
+    let allowed = instructions_max(&rig) as u32;
     for telemetry in rig.telemetry() {
-        assert!(telemetry.timing.late_cycles < 144, "{:?}", telemetry.timing);
+        // A microsecond.
+        assert!(
+            telemetry.timing.late_cycles < allowed / 100,
+            "{:?}",
+            telemetry.timing
+        );
         // The first tick has none before it. The others take a thousand instructions at least.
         assert!(
             telemetry.tick == 1 || telemetry.timing.busy_cycles > 1_000,
@@ -87,7 +94,7 @@ fn telemetry_reports_jitter_and_duration_within_the_same_bounds() {
             telemetry.timing
         );
         assert!(
-            telemetry.timing.busy_cycles < 14_400,
+            telemetry.timing.busy_cycles < allowed,
             "{:?}",
             telemetry.timing
         );
@@ -123,6 +130,55 @@ fn flooding_the_link_delays_no_tick() {
     let last = rig.last_telemetry();
     assert_eq!((last.timing.missed_ticks, last.output.fault), (0, None));
     assert!(rig.identity().frames_rejected > 100);
+    rig.assert_no_errors();
+}
+
+/// The largest values are those that the telemetry has had, and the load is the bytes counted here.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn telemetry_reports_the_worst_tick_and_the_load_of_the_link() {
+    let mut rig = Rig::after_ms(15);
+    rig.board.link_receive();
+    let mut seen = vec![];
+    let mut bytes = 0;
+    let mut decoder = Decoder::new();
+    for _ in 0..3_000 {
+        rig.run_ms(1);
+        for received in rig.board.link_receive() {
+            bytes += 1;
+            if let Some(Ok(FromDevice::Telemetry(telemetry))) = decoder.push(received.byte) {
+                seen.push(telemetry.timing);
+            }
+        }
+    }
+    let last = seen.last().expect("telemetry");
+    assert_eq!(
+        Some(last.busy_cycles_max),
+        seen.iter().map(|t| t.busy_cycles).max()
+    );
+    assert_eq!(
+        Some(last.late_cycles_max),
+        seen.iter().map(|t| t.late_cycles).max()
+    );
+    assert!(
+        last.busy_cycles_max > last.busy_cycles,
+        "the first tick is longer"
+    );
+    // 92 160 bytes a second. Lengths of frames vary by a byte or two.
+    let counted = bytes as f64 / 3.0 / 92.16;
+    let off = f64::from(last.link_per_mille) - counted;
+    assert!(
+        off.abs() < 2.0,
+        "{} of 1000, counted {counted}",
+        last.link_per_mille
+    );
+    // The busier direction counts.
+    for _ in 0..2_100 {
+        rig.board.link_send(&[1; 46]);
+        rig.run_ms(1);
+    }
+    let load = rig.last_telemetry().timing.link_per_mille;
+    assert!((495..=500).contains(&load), "{load}");
     rig.assert_no_errors();
 }
 
@@ -164,14 +220,16 @@ fn ticks_that_never_started_are_counted() {
     rig.board.run_for(30 * MS);
     rig.board.write_register(TIM2_CR1, 1);
     rig.run_ms(20);
-    let missed = rig.telemetry().iter().map(|t| t.timing.missed_ticks).max();
+    let telemetry = rig.telemetry();
+    let missed = telemetry.iter().map(|t| t.timing.missed_ticks).max();
     assert_eq!(missed, Some(3));
+    let last = telemetry.last().expect("telemetry").timing;
+    assert_eq!((last.missed_ticks, last.missed_ticks_total), (0, 3));
 }
 
-/// TIM3 requests the link's task at a fixed phase of the tick, which is chance on a real board.
-#[test]
-#[ignore = "needs FIRMWARE, the ELF of the firmware"]
-fn link_task_delays_no_tick_whatever_its_phase() {
+/// Ticks that began within the link's task, and the spread of all ticks \[ns\], with the task at
+/// many phases of the tick. TIM3 requests it at a fixed phase, which is chance on a real board.
+pub fn spread_over_phases() -> (usize, u64) {
     let mut rig = Rig::after_ms(15);
     let mut overlapped = 0;
     let mut starts = vec![];
@@ -210,8 +268,15 @@ fn link_task_delays_no_tick_whatever_its_phase() {
         .max()
         .zip(starts.iter().min())
         .map(|(a, b)| a - b);
-    println!("{overlapped} ticks within the link's task, spread {spread_ns:?} ns");
+    (overlapped, spread_ns.expect("ticks"))
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn link_task_delays_no_tick_whatever_its_phase() {
+    let (overlapped, spread_ns) = spread_over_phases();
+    println!("{overlapped} ticks within the link's task, spread {spread_ns} ns");
     assert!(overlapped > 0);
     // A tick waits at most for a critical section of the queues.
-    assert!(spread_ns < Some(1_000), "{spread_ns:?} ns");
+    assert!(spread_ns < 1_000, "{spread_ns} ns");
 }

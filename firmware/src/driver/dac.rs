@@ -1,26 +1,35 @@
-//! The voltage of the servo valve: DAC channel 1.
+//! The voltage of the servo valve: DAC channel 1 of the chip.
 
-use crate::board::ValvePin;
+use crate::board::ValvePins;
 use model_core::signal::DacCount;
+use rig_drivers::valve::AnalogOutput;
 use stm32f4xx_hal::pac::DAC;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
+/// The unit of the chip behind the valve's voltage.
+pub use stm32f4xx_hal::pac::DAC as Unit;
+
 /// The valve output.
-pub struct Valve(DAC);
+pub struct Valve {
+    dac: DAC,
+    /// Its pin, which is a channel of the converter, too.
+    pub read_back: ValvePins,
+}
 
 impl Valve {
     /// Enables the output at 0 V.
-    pub fn new(dac: DAC, _pin: ValvePin, rcc: &mut Rcc) -> Valve {
+    pub fn new(dac: DAC, read_back: ValvePins, rcc: &mut Rcc) -> Valve {
         DAC::enable(rcc);
         DAC::reset(rcc);
         // With the output buffer the voltage would stay about 0.2 V above ground.
         dac.cr().write(|w| w.boff1().set_bit().en1().set_bit());
-        Valve(dac)
+        Valve { dac, read_back }
     }
+}
 
-    /// Sets the output voltage.
-    pub fn set(&mut self, count: DacCount) {
-        self.0.dhr12r1().write(|w| w.daccdhr().set(count.get()));
+impl AnalogOutput for Valve {
+    fn set(&mut self, count: DacCount) {
+        self.dac.dhr12r1().write(|w| w.daccdhr().set(count.get()));
     }
 }
 

@@ -1,7 +1,7 @@
-//! The encoder of the muscle: TIM5 counts every edge of A and B in a 32-bit counter that wraps.
+//! The counter of the encoder's edges: TIM5, which has 32 bits.
 
 use crate::board::EncoderPins;
-use model_core::signal::EncoderCount;
+use rig_drivers::encoder::EdgeCounter;
 use stm32f4xx_hal::pac::TIM5;
 use stm32f4xx_hal::qei::Qei;
 use stm32f4xx_hal::rcc::Rcc;
@@ -9,12 +9,12 @@ use stm32f4xx_hal::rcc::Rcc;
 /// The code of that filter in the field of the second input, which has no names.
 const FILTER: u8 = 0b1111;
 
-/// The encoder.
-pub struct Encoder(TIM5);
+/// The counter.
+pub struct Counter(TIM5);
 
-impl Encoder {
+impl Counter {
     /// Starts counting at 0.
-    pub fn new(timer: TIM5, pins: EncoderPins, rcc: &mut Rcc) -> Encoder {
+    pub fn new(timer: TIM5, pins: EncoderPins, rcc: &mut Rcc) -> Counter {
         // The HAL sets the timer up, but reads it through embedded-hal 0.2 only.
         let (timer, _) = Qei::new(timer, pins, rcc).release();
         // Eight equal samples at 72 MHz / 32 before an edge counts: 3.6 µs, which no interference
@@ -22,11 +22,14 @@ impl Encoder {
         timer
             .ccmr1_input()
             .modify(|_, w| w.ic1f().fdts_div32_n8().ic2f().set(FILTER));
-        Encoder(timer)
+        Counter(timer)
     }
+}
 
-    /// The position.
-    pub fn read(&self) -> EncoderCount {
-        EncoderCount(self.0.cnt().read().cnt().bits())
+impl EdgeCounter for Counter {
+    const BITS: u32 = 32;
+
+    fn edges(&self) -> u32 {
+        self.0.cnt().read().cnt().bits()
     }
 }

@@ -1,0 +1,123 @@
+//! NUCLEO-F411RE: STM32F411RET6. The chip has no DAC: the valve's voltage comes from an MCP4922 at
+//! SPI2. Its image runs on the emulated board, and has never run on a real one: measure before use.
+//!
+//! | signal          | pin      | peripheral             | served by                        |
+//! |-----------------|----------|------------------------|----------------------------------|
+//! | strain bridge   | PC0 (A5) | ADC1 channel 10        | DMA2 stream 0 channel 0          |
+//! | pressure sensor | PC1 (A4) | ADC1 channel 11        | DMA2 stream 0 channel 0          |
+//! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
+//! | valve: SCK, SDI | PB13, PB15 | SPI2, to an MCP4922 | written by the tick              |
+//! | valve: CS, SHDN | PB12, PB14 | outputs, CS high if idle; SHDN low shuts down | the same |
+//! | valve, read back | PA4 (A2) | ADC1 channel 4        | the self-test at start           |
+//! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
+//! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
+//! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
+//! | emergency stop  | PB10 (D6), PA8 (D7) | inputs, low if open | read by the tick         |
+//! | valve in the port | PB5 (D4) | output, alternates   | written by the tick              |
+//! | status lamp     | PA5 (D13, LD2) | output, high is lit | written by the tick              |
+//!
+//! Chip and memory are in `nucleo_f411re.x`.
+
+use super::{Pins, Ports};
+use core::ops::Range;
+use stm32f4xx_hal::gpio::{
+    Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PB12, PB13,
+    PB14, PB15, PC0, PC1, PC13,
+};
+use stm32f4xx_hal::pac::GPIOB;
+use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::rcc::{Config, Rcc};
+
+/// The board's name, as the link reports it.
+pub const NAME: &str = "NUCLEO-F411RE";
+
+/// Flash sectors of the settings: number, and range as offset from the start of the flash.
+/// nucleo_f411re.x keeps the program out of them.
+pub const SETTINGS_SECTORS: [(u8, Range<usize>); 2] =
+    [(6, 0x4_0000..0x6_0000), (7, 0x6_0000..0x8_0000)];
+
+/// CPU clock \[Hz\], by PLL from the chip's own oscillator (HSI, 16 MHz): no plug, probe or crystal
+/// can take it away. HSI is within 1 % at 25 °C, within 4 % from -10 to 85 °C (datasheet): at most
+/// 75 MHz, which the regulator's scale after a reset allows (84 MHz). From 72 MHz the divider of
+/// [`super::LINK_BAUD`] is off by 0.16 %, exactly as the ST-LINK's is.
+pub const SYSCLK_HZ: u32 = 72_000_000;
+/// Clock of the timers on APB1 \[Hz\]: APB1 runs at SYSCLK / 2, its timers at twice that.
+pub const TIMER_HZ: u32 = SYSCLK_HZ;
+
+/// The clocks.
+pub fn clocks() -> Config {
+    Config::hsi().sysclk(SYSCLK_HZ.Hz())
+}
+
+/// Strain bridge.
+pub type BridgePin = PC0<Analog>;
+/// Pressure sensor.
+pub type PressurePin = PC1<Analog>;
+/// Encoder A and B.
+pub type EncoderPins = (PA0<Alternate<2>>, PA1<Alternate<2>>);
+/// Chip select of the valve's converter.
+pub type ValveSelectPin = PB12<Output>;
+/// Shutdown of the valve's converter, with a pull-down of 10 kΩ.
+pub type ValveShutdownPin = PB14<Output>;
+/// The valve's voltage, read back.
+pub type ValveReadBackPin = PA4<Analog>;
+
+/// The valve's converter.
+pub struct ValvePins {
+    /// SCK.
+    pub clock: PB13,
+    /// SDI.
+    pub data: PB15,
+    /// CS.
+    pub select: ValveSelectPin,
+    /// SHDN.
+    pub shutdown: ValveShutdownPin,
+    /// VOUTA.
+    pub read_back: ValveReadBackPin,
+}
+
+/// Link TX and RX.
+pub type LinkPins = (PA2, PA3);
+/// User button, with pull-up.
+pub type ButtonPin = PC13<Input>;
+/// Contacts of the emergency stop, with pull-down.
+pub type StopPins = (PB10<Input>, PA8<Input>);
+/// Pulses for the valve in the muscle's port.
+pub type PortPin = PB5<Output>;
+/// Status lamp.
+pub type LampPin = PA5<Output>;
+
+/// Configures the pins.
+pub fn pins(ports: Ports, rcc: &mut Rcc) -> Pins {
+    let a = ports.a.split(rcc);
+    let b = ports.b.split(rcc);
+    let c = ports.c.split(rcc);
+    Pins {
+        bridge: c.pc0.into_analog(),
+        pressure: c.pc1.into_analog(),
+        encoder: (
+            a.pa0.into_alternate().internal_pull_up(true),
+            a.pa1.into_alternate().internal_pull_up(true),
+        ),
+        valve: ValvePins {
+            clock: b.pb13,
+            data: b.pb15,
+            select: b.pb12.into_push_pull_output(),
+            shutdown: b.pb14.into_push_pull_output(),
+            read_back: a.pa4.into_analog(),
+        },
+        link: (a.pa2, a.pa3),
+        button: c.pc13.into_pull_up_input(),
+        stop: (b.pb10.into_pull_down_input(), a.pa8.into_pull_down_input()),
+        port: b.pb5.into_push_pull_output(),
+        lamp: a.pa5.into_push_pull_output(),
+    }
+}
+
+/// Shuts the valve's converter down, from any context.
+pub fn shut_valve_converter_down() {
+    // SAFETY: a single write, which changes the output PB14 only.
+    #[allow(unsafe_code)]
+    let port = unsafe { GPIOB::steal() };
+    port.bsrr().write(|w| w.br14().set_bit());
+}

@@ -1,0 +1,175 @@
+//! The start-up self-test: each thing that can be wrong, and what the board then does.
+
+use crate::rig::{LAMP, MS, Rig};
+use emulated_board::{Board, Imperfection};
+use model_core::device::Command;
+use model_core::io::Request;
+use model_core::link::{IMAGE_CHECKSUM_AT, IMAGE_LENGTH_AT, ToDevice};
+use model_core::start::StartFault;
+use model_core::supervisor::{Fault, Mode};
+
+const FLASH: u32 = 0x0800_0000;
+/// Pattern with which cortex-m-rt fills the stack.
+const PAINT: [u8; 4] = [0xCC; 4];
+
+/// The fault reported after a reset with `change`, and the mode that a request to assist ends in.
+fn started(change: impl Fn(&mut Board)) -> (Option<StartFault>, Mode) {
+    let mut rig = Rig::new();
+    change(&mut rig.board);
+    rig.run_ms(1_200);
+    let fault = rig.identity().start;
+    for request in [Request::Reset, Request::Assist] {
+        rig.send(&ToDevice::Command(Command::Request(request)));
+        rig.run_ms(100);
+    }
+    let output = rig.last_telemetry().output;
+    let latched = fault.filter(|fault| fault.prevents_assistance());
+    assert_eq!(output.fault, latched.map(Fault::Start));
+    if latched.is_some() {
+        assert_eq!((output.valve.get(), rig.board.dac_volts(1)), (0, 0.0));
+    }
+    rig.assert_no_errors();
+    (fault, output.mode)
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn healthy_board_starts_and_its_valve_has_no_time_to_open() {
+    assert_eq!(started(|_| {}), (None, Mode::Assisting));
+    let rig = &mut Rig::after_ms(100);
+    let events = rig.board.dac_events();
+    let raised: Vec<_> = events.iter().filter(|e| e.volts > Some(0.0)).collect();
+    let [raised] = raised[..] else {
+        panic!("{events:?}")
+    };
+    assert!(raised.volts < Some(0.42), "{raised:?}");
+    let lowered = events.iter().find(|e| e.time_ns > raised.time_ns);
+    let raised_ns = lowered.expect("0 V again").time_ns - raised.time_ns;
+    assert!(raised_ns < MS / 5, "{raised_ns} ns");
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn valve_that_does_not_have_its_voltage_prevents_assistance() {
+    let expected = (Some(StartFault::ValveVoltage), Mode::Venting);
+    // Shorted to ground or to the supply; an offset; a load of 100 kΩ at the 15 kΩ of the output.
+    for volts in [0.0, 3.3, 0.05, 0.36] {
+        assert_eq!(
+            started(|board| board.load_valve(Some(volts))),
+            expected,
+            "{volts} V"
+        );
+    }
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn supply_that_is_off_by_more_than_ten_percent_prevents_assistance() {
+    let expected = (Some(StartFault::Supply), Mode::Venting);
+    for vref_volts in [2.9, 3.75] {
+        let off = Imperfection {
+            vref_volts,
+            ..Imperfection::default()
+        };
+        assert_eq!(
+            started(|board| board.set_converter(off)),
+            expected,
+            "{vref_volts} V"
+        );
+    }
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn stuck_bit_in_any_part_of_the_ram_prevents_assistance() {
+    let expected = (Some(StartFault::Ram), Mode::Venting);
+    // The stack's end, between statics and the end of the RAM, and its last word.
+    for address in [0x2000_0100, 0x2001_0000, 0x2001_fffc] {
+        for bits in [1, 1 << 31] {
+            let seen = started(|board| board.stick_ram(address, bits));
+            assert_eq!(seen, expected, "{address:#x}, {bits:#x}");
+        }
+    }
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn stack_without_its_pattern_prevents_assistance() {
+    let seen = started(|board| {
+        let end = board.symbol("_stack_end").expect("a symbol of memory.x");
+        while board.read_memory(end, 4) != PAINT {
+            board.run_for(MS / 100);
+        }
+        board.run_for(MS / 2);
+        board.write_ram(end, &[0; 4]);
+    });
+    assert_eq!(seen, (Some(StartFault::Stack), Mode::Venting));
+}
+
+/// Length and checksum that scripts/seal-image.sh writes into the image: as bytes of the flash.
+fn seal() -> [[u8; 4]; 2] {
+    let path = std::env::var_os("FIRMWARE").expect("FIRMWARE: the path of the firmware's ELF");
+    let folder = tempfile::tempdir().expect("a folder");
+    let elf = folder.path().join("firmware");
+    std::fs::copy(path, &elf).expect("a copy of the image");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scripts/seal-image.sh");
+    let status = std::process::Command::new(script).arg(&elf).status();
+    assert!(status.expect("the script").success());
+    let sealed = Board::new(&std::fs::read(&elf).expect("the image")).expect("an image");
+    [IMAGE_LENGTH_AT, IMAGE_CHECKSUM_AT].map(|at| {
+        let bytes = sealed.read_memory(FLASH + at as u32, 4);
+        bytes.try_into().expect("four bytes")
+    })
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn any_changed_bit_of_a_sealed_image_prevents_assistance() {
+    let [length, checksum] = seal();
+    let bytes = u32::from_le_bytes(length);
+    assert!((30_000..70_000).contains(&bytes), "{bytes}");
+    let sealed = |board: &mut Board| {
+        board.write_flash(FLASH + IMAGE_LENGTH_AT as u32, &length);
+        board.write_flash(FLASH + IMAGE_CHECKSUM_AT as u32, &checksum);
+    };
+    assert_eq!(started(sealed), (None, Mode::Assisting));
+    // A reserved word of the vector table, the last byte, the seal itself.
+    for at in [
+        0x28,
+        bytes - 1,
+        IMAGE_LENGTH_AT as u32,
+        IMAGE_CHECKSUM_AT as u32,
+    ] {
+        let seen = started(|board| {
+            sealed(board);
+            let cell = board.read_memory(FLASH + at, 1)[0];
+            board.write_flash(FLASH + at, &[cell ^ 1]);
+        });
+        assert_eq!(seen, (Some(StartFault::Image), Mode::Venting), "{at:#x}");
+    }
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn chip_that_brown_outs_do_not_reset_assists_and_warns() {
+    for level in 1..4 {
+        let seen = started(|board| board.set_brown_out_level(level));
+        assert_eq!(
+            seen,
+            (Some(StartFault::BrownOut), Mode::Assisting),
+            "{level}"
+        );
+    }
+    let mut rig = Rig::new();
+    rig.board.set_brown_out_level(3);
+    rig.run_ms(1_200);
+    let mut rises = 0;
+    let mut last = rig.board.level(LAMP);
+    for _ in 0..400 {
+        rig.run_ms(5);
+        let now = rig.board.level(LAMP);
+        rises += usize::from((last, now) == (Some(false), Some(true)));
+        last = now;
+    }
+    assert_eq!(rises, 3, "flashes in 2 s");
+}
