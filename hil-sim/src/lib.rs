@@ -2,6 +2,7 @@
 //! reports.
 
 pub mod bench;
+pub mod datasheet;
 pub mod design;
 pub mod error;
 pub mod faults;

@@ -196,6 +196,120 @@ fn design_prints_the_required_flow_gain() {
     let design = |rig: &str| json(path, &["design", "--rig", rig, "--json"]);
     assert_eq!(design("rig.toml")["sufficient"], true);
     assert_eq!(design("a.toml")["sufficient"], false);
+    // Both need the same valve, and a valve with the flow on its data sheet is sufficient.
+    let needed = &design("a.toml")["valve_needed"];
+    for (symbol, key, sufficient) in [
+        ("Q", "nominal_flow_l_per_min", 1.001),
+        ("Q", "nominal_flow_l_per_min", 0.999),
+        ("C", "conductance_dm3_per_s_bar", 1.001),
+        ("Kv", "kv_m3_per_h", 1.001),
+        ("Cv", "cv_us_gal_per_min", 0.999),
+    ] {
+        let valve = format!("{symbol}={}", sufficient * number(&needed[key]));
+        stdout(
+            path,
+            &["rig", "new", "b.toml", "--force", "--valve", &valve],
+        );
+        assert_eq!(design("b.toml")["sufficient"], sufficient > 1.0, "{valve}");
+    }
+    let text = stdout(path, &["design", "--rig", "a.toml"]);
+    assert!(
+        text.contains(" l/min (ANR) from 6 to 5 bar, C = "),
+        "{text}"
+    );
+    assert!(
+        text.contains("a proportional directional valve of "),
+        "{text}"
+    );
+}
+
+/// A table of Eq 1 with the paper's constants, in bar and percent, rounded to 1 N.
+fn muscle_table() -> String {
+    let mut table = String::from("pressure_bar,contraction_percent,force_n\n");
+    for pressure_bar in 1..=5 {
+        for contraction_percent in [0, 5, 10, 15, 20] {
+            let shortened = 1.0 - f64::from(contraction_percent) / 100.0;
+            let area_m2 = 3.7718e-3 * shortened * shortened - 1.39e-3;
+            let force_n = area_m2 * f64::from(pressure_bar) * 1e5 - 183.0;
+            if force_n > 0.0 {
+                table += &format!("{pressure_bar},{contraction_percent},{force_n:.0}\n");
+            }
+        }
+    }
+    table
+}
+
+#[test]
+fn a_rig_is_made_from_data_sheets() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("table.csv"), muscle_table()).expect("written");
+    let sheets = "--muscle table.csv --length 0.3 --diameter 0.02 --braid-angle 25 --valve Q=700";
+    let sheets: Vec<_> = sheets.split(' ').collect();
+    let new = [
+        &["rig", "new", "--json", "--report", "fit.html"],
+        sheets.as_slice(),
+    ]
+    .concat();
+    let summary = json(path, &new);
+    let value = |key: &str, what: &str| {
+        let values = summary["values"].as_array().expect("values");
+        let value = values.iter().find(|value| value["key"] == key);
+        number(&value.expect("the key")[what])
+    };
+    // Forces rounded to 1 N, of some 100 to 1000 N, move the constants by less than 1 %.
+    for (key, expected) in [
+        ("alpha_m2", 3.7718e-3),
+        ("beta_m2", -1.39e-3),
+        ("gamma_n", -183.0),
+    ] {
+        assert!((value(key, "value") / expected - 1.0).abs() < 0.01, "{key}");
+    }
+    // Muscles of a type differ; a measured one has the fit's tolerance alone.
+    assert!(value("alpha_m2", "relative_sigma") >= 0.05);
+    let measured = [&["--measured", "--force"], new.as_slice()];
+    let measured = json(path, &[measured[1], measured[0]].concat());
+    assert!(number(&measured["values"][0]["relative_sigma"]) < 0.01);
+    stdout(path, &["rig", "check", "rig.toml"]);
+    let rig = std::fs::read_to_string(path.join("rig.toml")).expect("a rig");
+    assert!(rig.contains("[tolerance.muscle]\nalpha_m2 = "), "{rig}");
+    assert!(path.join("fit.html").exists());
+    // It has all that a design needs.
+    assert_eq!(
+        json(path, &["design", "--rig", "rig.toml", "--json"])["sufficient"],
+        true
+    );
+    // Without a volume, the template's would be that of another muscle.
+    let bench = "rig new bench.toml --muscle table.csv --length 0.3";
+    stdout(path, &bench.split(' ').collect::<Vec<_>>());
+    let bench = std::fs::read_to_string(path.join("bench.toml")).expect("a rig");
+    assert!(!bench.contains("volume_d1_m3"), "{bench}");
+}
+
+#[test]
+fn a_bad_data_sheet_leaves_no_rig() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("table.csv"), "pressure,force_n\n1,2\n").expect("written");
+    for (arguments, says) in [
+        (
+            "--muscle table.csv --length 0.3",
+            "table.csv:1: expected a column contraction or",
+        ),
+        (
+            "--muscle absent.csv --length 0.3",
+            "absent.csv: expected a readable CSV file",
+        ),
+        ("--muscle table.csv", "--length"),
+        ("--valve 700", "Q=…[,from=…,to=…]"),
+    ] {
+        let arguments: Vec<_> = arguments.split(' ').collect();
+        let output = hil_sim(path, &[&["rig", "new"], arguments.as_slice()].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(says), "{message}");
+        assert!(!path.join("rig.toml").exists());
+    }
 }
 
 #[test]

@@ -4,7 +4,7 @@ mod edit;
 mod keys;
 mod read;
 
-pub use edit::effect_toml;
+pub use edit::{effect_toml, set_numbers};
 pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG};
 
 use crate::error::BadInput;
