@@ -12,3 +12,4 @@ pub mod paper;
 pub mod record;
 pub mod report;
 pub mod rig;
+pub mod signature;

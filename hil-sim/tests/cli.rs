@@ -782,3 +782,32 @@ fn a_long_run_is_decimated_in_the_report() {
     let report = std::fs::metadata(folder.path().join("out/report.html")).expect("a report");
     assert!(report.len() < 2_000_000, "{} bytes", report.len());
 }
+
+#[test]
+fn the_page_of_effects_is_what_the_effects_declare() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = stdout(folder.path(), &["effects", "--markdown"]);
+    assert!(
+        page == include_str!("../../docs/effects.md"),
+        "repeat: cargo run -- effects --markdown > docs/effects.md"
+    );
+}
+
+#[test]
+fn an_effect_is_shown_with_its_equation_and_plots() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let text = stdout(path, &["effects", "leak", "--report", "leak.html"]);
+    for shown in [
+        "Form linear: G_leak = conductance_kg_per_pa_s · P",
+        "  Leaves out: choking.",
+        "Signature: ",
+        "Test signal: ",
+        "Compensation: none",
+        "[[effect]]\nname = \"leak\"",
+    ] {
+        assert!(text.contains(shown), "{shown}\n{text}");
+    }
+    let html = std::fs::read_to_string(path.join("leak.html")).expect("a report");
+    assert!(html.contains("Change of pressure"));
+}
