@@ -24,7 +24,7 @@ fn reference_pa(time_s: f64) -> f64 {
             let share = ((time_s - 12.0) / 4.0).fract();
             2e5 + 2e5 * (1.0 - (2.0 * share - 1.0).abs())
         }
-        ..28.0 if (2.0 * time_s) as u32 % 2 == 0 => 4.9e5,
+        ..28.0 if ((2.0 * time_s) as u32).is_multiple_of(2) => 4.9e5,
         ..30.0 => 1.5e5,
         _ => 0.0,
     }

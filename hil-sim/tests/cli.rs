@@ -811,3 +811,99 @@ fn an_effect_is_shown_with_its_equation_and_plots() {
     let html = std::fs::read_to_string(path.join("leak.html")).expect("a report");
     assert!(html.contains("Change of pressure"));
 }
+
+#[test]
+fn quiet_leaves_results_and_errors_only() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    for command in [
+        ["-q", "rig", "new", "a.toml"],
+        ["rig", "new", "b.toml", "--quiet"],
+    ] {
+        let output = hil_sim(path, &command);
+        assert!(output.status.success(), "{command:?}");
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "", "{command:?}");
+    }
+    let loud = hil_sim(path, &["rig", "new", "c.toml"]);
+    assert!(String::from_utf8_lossy(&loud.stderr).contains("written: c.toml"));
+    let refused = hil_sim(path, &["rig", "new", "a.toml", "-q"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).starts_with("hil-sim: a.toml: expected"));
+}
+
+#[test]
+fn errors_are_coloured_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (when, colored) in [("always", true), ("never", false), ("auto", false)] {
+        // One error of the command, one of its arguments.
+        for rest in [
+            ["rig", "check", "absent.toml"],
+            ["rig", "check", "--absent"],
+        ] {
+            let output = hil_sim(folder.path(), &[&["--color", when][..], &rest].concat());
+            assert_eq!(output.status.code(), Some(2));
+            assert_eq!(output.stderr.contains(&0x1b), colored, "{when} {rest:?}");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(message.contains(rest[2]), "{message}");
+        }
+    }
+}
+
+#[test]
+fn an_option_of_paper_before_another_command_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = hil_sim(folder.path(), &["--json", "rig", "new"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("'--json' stands before the command: `hil-sim rig …`"),
+        "{message}"
+    );
+    assert!(!folder.path().join("rig.toml").exists());
+}
+
+#[test]
+fn completions_and_man_pages_are_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["completions", "--dir", "share"]);
+    for (file, says) in [
+        ("hil-sim.bash", "diagnose"),
+        ("_hil-sim", "diagnose"),
+        ("hil-sim.fish", "diagnose"),
+        ("hil-sim.1", "hil\\-sim\\-diagnose(1)"),
+        ("hil-sim-diagnose.1", "\\-\\-validate"),
+        ("hil-sim-rig-new.1", "\\-\\-braid\\-angle"),
+    ] {
+        let text = std::fs::read_to_string(path.join("share").join(file)).expect(file);
+        assert!(text.contains(says), "{file}");
+    }
+    assert_eq!(hil_sim(path, &["completions"]).status.code(), Some(2));
+}
+
+/// A campaign of some minutes is interrupted as soon as it has begun.
+#[test]
+#[cfg(all(unix, feature = "terminal"))]
+fn an_interrupt_ends_with_status_130_and_writes_nothing() {
+    use std::io::BufRead;
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder.path())
+        .args(["faults", "--cases", "1000000"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the command runs");
+    let mut line = String::new();
+    let stderr = child.stderr.take().expect("a pipe");
+    let mut stderr = std::io::BufReader::new(stderr);
+    stderr.read_line(&mut line).expect("a line");
+    assert_eq!(line, "seed: 1\n");
+    let kill = format!("kill -INT {}", child.id());
+    let killed = std::process::Command::new("sh")
+        .args(["-c", &kill])
+        .status();
+    assert!(killed.expect("a shell").success());
+    assert_eq!(child.wait().expect("ended").code(), Some(130));
+    let left = std::fs::read_dir(folder.path()).expect("the folder");
+    assert_eq!(left.count(), 0);
+}

@@ -272,7 +272,7 @@ pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
         });
         report.repeat = vec![this_command()];
         write_atomically(path, report.to_html().as_bytes())?;
-        eprintln!("report: {}", path.display());
+        super::note(format_args!("report: {}", path.display()));
     }
     let kind = summary;
     if args.json {

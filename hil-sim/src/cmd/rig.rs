@@ -30,6 +30,9 @@ enum Command {
     Check {
         /// The file to read
         path: PathBuf,
+        /// Print the effects of the rig as JSON instead of text
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -173,16 +176,29 @@ fn new(args: &New) -> Result<(), Failure> {
             super::print(&report.to_text())?;
         }
     }
-    eprintln!("written: {}", args.path.display());
+    super::note(format_args!("written: {}", args.path.display()));
     Ok(())
+}
+
+/// A rig file without errors.
+#[derive(serde::Serialize)]
+struct Checked<'a> {
+    path: &'a Path,
+    effects: Vec<&'static str>,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
-        Command::Check { path } => {
+        Command::Check { path, json } => {
             let rig = Rig::read(path)?;
+            if *json {
+                let effects = rig.effects.iter().map(|effect| effect.kind.name);
+                let effects = effects.collect();
+                super::print_json(&Checked { path, effects })?;
+                return Ok(());
+            }
             let effects = rig.effects.len();
             super::print(&format!("{}: a rig, {effects} effects\n", path.display()))?;
         }
