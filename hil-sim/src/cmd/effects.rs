@@ -95,8 +95,8 @@ impl KindSummary {
 
     fn report(&self) -> Report {
         let mut verdict = vec![
-            format!("Subsystem: {}", self.subsystem),
             format!("Signature: {}", self.signature),
+            format!("Subsystem: {}", self.subsystem),
             format!("Test signal: {}", self.test_signal),
             format!("Compensation: {}", self.compensation),
         ];
