@@ -124,12 +124,170 @@
     };
   };
 
+  // What can be saved of a plot: its numbers, and its picture as it is shown.
+  const table = (chart, plot) => {
+    const cell = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+    const lines = plot.series.map((s) => named({ label: s.name, unit: plot.y.unit }));
+    const rows = chart.data[0].map((_, row) => chart.data.map((column) => column[row] ?? ""));
+    return [[named(plot.x), ...lines].map(cell), ...rows].map((row) => `${row.join(",")}\n`).join("");
+  };
+
+  const [HEAD, ROW] = [28, 18];
+  const colors = (chart, plot) => plot.series.map((_, i) => chart.series[i + 1].stroke(chart, i + 1));
+
+  const drawing = (chart, plot) => {
+    const style = getComputedStyle(root);
+    const [ink, rule, panel] = ["--ink", "--rule", "--panel"].map((n) => style.getPropertyValue(n).trim());
+    const escaped = (text) => text.replace(/[&<>"]/g, (c) => `&#${c.charCodeAt(0)};`);
+    const text = (x, y, words, more = "") =>
+      `<text x="${x}" y="${y}" fill="${ink}" ${more}>${escaped(words)}</text>`;
+    const [left, top, wide, high] = ["left", "top", "width", "height"]
+      .map((side) => chart.bbox[side] / devicePixelRatio);
+    const at = (value, scale) => chart.valToPos(value, scale).toFixed(2);
+    const line = (x1, y1, x2, y2, more) =>
+      `<line x1="${x1}" y1="${y1}" x2="${x2}" y2="${y2}" ${more}/>`;
+    const inside = [];
+    const outside = [];
+    for (const [axis, scale] of [[chart.axes[0], "x"], [chart.axes[1], "y"]]) {
+      axis._splits.forEach((split, i) => {
+        const [place, label] = [at(split, scale), axis._values[i] ?? ""];
+        inside.push(scale === "x" ? line(place, 0, place, high, `stroke="${rule}"`)
+          : line(0, place, wide, place, `stroke="${rule}"`));
+        outside.push(scale === "x"
+          ? text(left + Number(place), HEAD + top + high + 16, String(label), 'text-anchor="middle"')
+          : text(left - 6, HEAD + top + Number(place) + 4, String(label), 'text-anchor="end"'));
+      });
+    }
+    const stroke = colors(chart, plot);
+    plot.series.forEach((s, i) => {
+      let [path, pen] = ["", "M"];
+      chart.data[i + 1].forEach((y, row) => {
+        if (y === undefined) return;
+        if (y === null) { pen = "M"; return; }
+        path += `${pen}${at(chart.data[0][row], "x")} ${at(y, "y")}`;
+        pen = "L";
+      });
+      const dash = s.dashed ? 'stroke-dasharray="7 5"' : "";
+      inside.push(`<path d="${path}" fill="none" stroke="${stroke[i]}" stroke-width="1.8" ${dash}/>`);
+      const y = HEAD + chart.height + ROW * i + 12;
+      outside.push(line(left, y - 4, left + 24, y - 4, `stroke="${stroke[i]}" stroke-width="3" ${dash}`),
+        text(left + 32, y, s.name));
+    });
+    for (const { vertical, value, label } of plot.markers) {
+      const place = at(value * (vertical ? plot.x : plot.y).factor, vertical ? "x" : "y");
+      const dotted = `stroke="${ink}" stroke-dasharray="2 4"`;
+      inside.push(vertical ? line(place, 0, place, high, dotted) : line(0, place, wide, place, dotted));
+      outside.push(vertical ? text(left + Number(place), HEAD + top - 6, label, 'text-anchor="middle"')
+        : text(left + wide - 4, HEAD + top + Number(place) - 4, label, 'text-anchor="end"'));
+    }
+    const all = HEAD + chart.height + ROW * plot.series.length;
+    const middle = HEAD + top + high / 2;
+    return `<svg xmlns="http://www.w3.org/2000/svg" width="${chart.width}" height="${all}" `
+      + `font-family="${FAMILY}" font-size="12"><rect width="100%" height="100%" fill="${panel}"/>`
+      + text(8, 18, plot.title, 'font-size="14" font-weight="600"')
+      + `<svg x="${left}" y="${HEAD + top}" width="${wide}" height="${high}">${inside.join("")}</svg>`
+      + outside.join("") + text(left + wide / 2, HEAD + top + high + 34, named(plot.x), 'text-anchor="middle"')
+      + text(12, middle, named(plot.y), `text-anchor="middle" transform="rotate(-90 12 ${middle})"`)
+      + "</svg>\n";
+  };
+
+  const picture = (chart, plot) => {
+    const source = chart.ctx.canvas;
+    const canvas = document.createElement("canvas");
+    const scale = devicePixelRatio;
+    canvas.width = source.width;
+    canvas.height = source.height + scale * (HEAD + ROW * plot.series.length);
+    const ctx = canvas.getContext("2d");
+    const style = getComputedStyle(root);
+    ctx.fillStyle = style.getPropertyValue("--panel").trim();
+    ctx.fillRect(0, 0, canvas.width, canvas.height);
+    ctx.drawImage(source, 0, scale * HEAD);
+    ctx.scale(scale, scale);
+    ctx.fillStyle = style.getPropertyValue("--ink").trim();
+    ctx.font = `600 14px ${FAMILY}`;
+    ctx.fillText(plot.title, 8, 18);
+    ctx.font = FONT;
+    ctx.lineWidth = 3;
+    colors(chart, plot).forEach((color, i) => {
+      const y = HEAD + chart.height + ROW * i + 12;
+      ctx.strokeStyle = color;
+      ctx.setLineDash(plot.series[i].dashed ? [7, 5] : []);
+      ctx.beginPath();
+      ctx.moveTo(20, y - 4);
+      ctx.lineTo(44, y - 4);
+      ctx.stroke();
+      ctx.fillText(plot.series[i].name, 52, y);
+    });
+    return new Promise((done) => canvas.toBlob(done, "image/png"));
+  };
+
+  // The file of a plot.
+  const file = async (number, kind) => {
+    const [chart, plot] = [charts[number], plots[number]];
+    if (kind === "png") return picture(chart, plot);
+    const [words, type] = kind === "csv" ? [table(chart, plot), "text/csv"]
+      : [drawing(chart, plot), "image/svg+xml"];
+    return new Blob([words], { type });
+  };
+
+  const button = (name, act) => {
+    const made = document.createElement("button");
+    made.type = "button";
+    made.textContent = name;
+    made.addEventListener("click", () => act(made));
+    return made;
+  };
+
+  const save = async (number, kind) => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(await file(number, kind));
+    link.download = `${plots[number].title.replace(/[^\p{L}\p{N}]+/gu, "-")}.${kind}`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1e4);
+  };
+
+  document.querySelectorAll("[data-plot]").forEach((place) => {
+    const row = document.createElement("div");
+    row.className = "save";
+    const kinds = ["svg", "png", "csv"];
+    row.append("Save as ", ...kinds.map((kind) =>
+      button(kind.toUpperCase(), () => save(Number(place.dataset.plot), kind))));
+    place.parentElement.append(row);
+  });
+
+  // Some browsers refuse the clipboard to a page from a file: then the text is selected.
+  const copy = async (pre, made) => {
+    try {
+      await navigator.clipboard.writeText(pre.textContent);
+      made.textContent = "Copied";
+    } catch {
+      getSelection().selectAllChildren(pre);
+    }
+  };
+  for (const pre of document.querySelectorAll("footer pre")) {
+    pre.before(button("Copy", (made) => copy(pre, made)));
+  }
+
+  // A name in a legend hides its line, also by keyboard.
+  const reachable = (chart) => {
+    for (const name of chart.root.querySelectorAll(".u-series:not(:first-child) th")) {
+      name.tabIndex = 0;
+      name.setAttribute("role", "button");
+      name.addEventListener("keydown", (event) => {
+        if (event.key !== "Enter" && event.key !== " ") return;
+        event.preventDefault();
+        name.click();
+      });
+    }
+  };
+
   const draw = () => {
     for (const chart of charts) chart.destroy();
     charts = [...document.querySelectorAll("[data-plot]")].map((place) => {
       const plot = plots[Number(place.dataset.plot)];
       return new uPlot(options(plot, place.clientWidth), joined(plot), place);
     });
+    charts.forEach(reachable);
   };
 
   const fit = () => {
@@ -146,4 +304,5 @@
   addEventListener("beforeprint", () => printing(true));
   addEventListener("afterprint", () => printing(false));
   window.charts = () => charts;
+  window.plotFile = file;
 })();

@@ -2,6 +2,7 @@
 //! reports.
 
 pub mod bench;
+pub mod datasheet;
 pub mod design;
 pub mod error;
 pub mod faults;
@@ -11,3 +12,4 @@ pub mod paper;
 pub mod record;
 pub mod report;
 pub mod rig;
+pub mod signature;

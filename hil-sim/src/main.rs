@@ -1,23 +1,32 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
 //! Exit status 0: success. 1: a case of the fault campaign violates its bounds, or a board does not
-//! respond. 2: bad input, or a file that cannot be written, reported in one line.
+//! respond. 2: bad input, or a file that cannot be written, reported in one line. 130: interrupted.
 
 mod cmd;
 
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::parser::ValueSource;
+use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use cmd::Failure;
 use muscle_plant::effects::Catalogue;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 
 /// Simulates a pneumatic-muscle power assist with the controller that runs on its board.
 ///
 /// Without a command it runs the paper's experiments and writes out/report.html.
 #[derive(Parser)]
-#[command(version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+#[command(version, after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
     paper: cmd::paper::Args,
+    /// Print results and errors only: no progress, no names of written files
+    #[arg(short, long, global = true)]
+    quiet: bool,
+    /// Colour help and errors
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    color: ColorChoice,
     #[command(subcommand)]
     command: Option<Command>,
 }
@@ -65,12 +74,66 @@ enum Command {
     Effects(cmd::effects::Args),
     /// Create and check rig files
     Rig(cmd::rig::Args),
-    /// Print shell completions
+    /// Print shell completions, or write them and the man pages to a folder
     Completions(cmd::completions::Args),
 }
 
+/// What the arguments say of colours, before clap has parsed them: its errors are coloured, too.
+fn color(arguments: impl Iterator<Item = String>) -> ColorChoice {
+    let words: Vec<_> = arguments.collect();
+    let after = words.iter().zip(words.iter().skip(1));
+    let apart = after.filter_map(|(option, when)| (option == "--color").then_some(when.as_str()));
+    let joined = words
+        .iter()
+        .filter_map(|word| word.strip_prefix("--color="));
+    match apart.chain(joined).last() {
+        Some("always") => ColorChoice::Always,
+        Some("never") => ColorChoice::Never,
+        _ => ColorChoice::Auto,
+    }
+}
+
+/// Options of `paper` do not act on another command. clap's own conflict of options and commands
+/// would refuse the global ones, too.
+fn refuse_options_before_a_command(command: &mut clap::Command, matches: &clap::ArgMatches) {
+    let Some(name) = matches.subcommand_name() else {
+        return;
+    };
+    let given = |argument: &&clap::Arg| {
+        let id = argument.get_id().as_str();
+        !argument.is_global_set() && matches.value_source(id) == Some(ValueSource::CommandLine)
+    };
+    let first = command.get_arguments().find(given).map(ToString::to_string);
+    if let Some(option) = first {
+        let what = format!("the option '{option}' stands before the command: `hil-sim {name} …`");
+        command.error(ErrorKind::ArgumentConflict, what).exit();
+    }
+}
+
+/// Prints a failure to stderr.
+fn print_failure(failure: &Failure, color: ColorChoice) {
+    let on_terminal = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let red = match color {
+        ColorChoice::Always => true,
+        ColorChoice::Auto => on_terminal,
+        ColorChoice::Never => false,
+    };
+    if red {
+        eprintln!("\x1b[1;31mhil-sim:\x1b[0m {failure}");
+    } else {
+        eprintln!("hil-sim: {failure}");
+    }
+}
+
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let color = color(std::env::args_os().map(|word| word.to_string_lossy().into_owned()));
+    let mut command = Cli::command().color(color);
+    let matches = command.get_matches_mut();
+    refuse_options_before_a_command(&mut command, &matches);
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    cmd::set_quiet(cli.quiet);
+    #[cfg(feature = "terminal")]
+    cmd::interrupt::handle();
     let result = match cli.command {
         None => cmd::paper::run(&cli.paper),
         Some(Command::Run(args)) => cmd::run::run(&args),
@@ -97,7 +160,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("hil-sim: {failure}");
+            print_failure(&failure, cli.color);
             // Status 1: a board that stopped answering is not bad input.
             ExitCode::from(if matches!(failure, Failure::Link(_)) {
                 1

@@ -2,6 +2,15 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Held while a temporary file exists.
+static WRITING: Mutex<()> = Mutex::new(());
+
+/// Waits until no file is being written; none is begun while the result is held.
+pub fn complete_writing() -> MutexGuard<'static, ()> {
+    WRITING.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// A file that could not be written.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +52,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
             _ => Path::new("."),
         };
+        let _writing = complete_writing();
         let mut builder = tempfile::Builder::new();
         #[cfg(unix)]
         {

@@ -196,6 +196,120 @@ fn design_prints_the_required_flow_gain() {
     let design = |rig: &str| json(path, &["design", "--rig", rig, "--json"]);
     assert_eq!(design("rig.toml")["sufficient"], true);
     assert_eq!(design("a.toml")["sufficient"], false);
+    // Both need the same valve, and a valve with the flow on its data sheet is sufficient.
+    let needed = &design("a.toml")["valve_needed"];
+    for (symbol, key, sufficient) in [
+        ("Q", "nominal_flow_l_per_min", 1.001),
+        ("Q", "nominal_flow_l_per_min", 0.999),
+        ("C", "conductance_dm3_per_s_bar", 1.001),
+        ("Kv", "kv_m3_per_h", 1.001),
+        ("Cv", "cv_us_gal_per_min", 0.999),
+    ] {
+        let valve = format!("{symbol}={}", sufficient * number(&needed[key]));
+        stdout(
+            path,
+            &["rig", "new", "b.toml", "--force", "--valve", &valve],
+        );
+        assert_eq!(design("b.toml")["sufficient"], sufficient > 1.0, "{valve}");
+    }
+    let text = stdout(path, &["design", "--rig", "a.toml"]);
+    assert!(
+        text.contains(" l/min (ANR) from 6 to 5 bar, C = "),
+        "{text}"
+    );
+    assert!(
+        text.contains("a proportional directional valve of "),
+        "{text}"
+    );
+}
+
+/// A table of Eq 1 with the paper's constants, in bar and percent, rounded to 1 N.
+fn muscle_table() -> String {
+    let mut table = String::from("pressure_bar,contraction_percent,force_n\n");
+    for pressure_bar in 1..=5 {
+        for contraction_percent in [0, 5, 10, 15, 20] {
+            let shortened = 1.0 - f64::from(contraction_percent) / 100.0;
+            let area_m2 = 3.7718e-3 * shortened * shortened - 1.39e-3;
+            let force_n = area_m2 * f64::from(pressure_bar) * 1e5 - 183.0;
+            if force_n > 0.0 {
+                table += &format!("{pressure_bar},{contraction_percent},{force_n:.0}\n");
+            }
+        }
+    }
+    table
+}
+
+#[test]
+fn a_rig_is_made_from_data_sheets() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("table.csv"), muscle_table()).expect("written");
+    let sheets = "--muscle table.csv --length 0.3 --diameter 0.02 --braid-angle 25 --valve Q=700";
+    let sheets: Vec<_> = sheets.split(' ').collect();
+    let new = [
+        &["rig", "new", "--json", "--report", "fit.html"],
+        sheets.as_slice(),
+    ]
+    .concat();
+    let summary = json(path, &new);
+    let value = |key: &str, what: &str| {
+        let values = summary["values"].as_array().expect("values");
+        let value = values.iter().find(|value| value["key"] == key);
+        number(&value.expect("the key")[what])
+    };
+    // Forces rounded to 1 N, of some 100 to 1000 N, move the constants by less than 1 %.
+    for (key, expected) in [
+        ("alpha_m2", 3.7718e-3),
+        ("beta_m2", -1.39e-3),
+        ("gamma_n", -183.0),
+    ] {
+        assert!((value(key, "value") / expected - 1.0).abs() < 0.01, "{key}");
+    }
+    // Muscles of a type differ; a measured one has the fit's tolerance alone.
+    assert!(value("alpha_m2", "relative_sigma") >= 0.05);
+    let measured = [&["--measured", "--force"], new.as_slice()];
+    let measured = json(path, &[measured[1], measured[0]].concat());
+    assert!(number(&measured["values"][0]["relative_sigma"]) < 0.01);
+    stdout(path, &["rig", "check", "rig.toml"]);
+    let rig = std::fs::read_to_string(path.join("rig.toml")).expect("a rig");
+    assert!(rig.contains("[tolerance.muscle]\nalpha_m2 = "), "{rig}");
+    assert!(path.join("fit.html").exists());
+    // It has all that a design needs.
+    assert_eq!(
+        json(path, &["design", "--rig", "rig.toml", "--json"])["sufficient"],
+        true
+    );
+    // Without a volume, the template's would be that of another muscle.
+    let bench = "rig new bench.toml --muscle table.csv --length 0.3";
+    stdout(path, &bench.split(' ').collect::<Vec<_>>());
+    let bench = std::fs::read_to_string(path.join("bench.toml")).expect("a rig");
+    assert!(!bench.contains("volume_d1_m3"), "{bench}");
+}
+
+#[test]
+fn a_bad_data_sheet_leaves_no_rig() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    std::fs::write(path.join("table.csv"), "pressure,force_n\n1,2\n").expect("written");
+    for (arguments, says) in [
+        (
+            "--muscle table.csv --length 0.3",
+            "table.csv:1: expected a column contraction or",
+        ),
+        (
+            "--muscle absent.csv --length 0.3",
+            "absent.csv: expected a readable CSV file",
+        ),
+        ("--muscle table.csv", "--length"),
+        ("--valve 700", "Q=…[,from=…,to=…]"),
+    ] {
+        let arguments: Vec<_> = arguments.split(' ').collect();
+        let output = hil_sim(path, &[&["rig", "new"], arguments.as_slice()].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(says), "{message}");
+        assert!(!path.join("rig.toml").exists());
+    }
 }
 
 #[test]
@@ -667,4 +781,129 @@ fn a_long_run_is_decimated_in_the_report() {
     stdout(folder.path(), &["run", "--duration", "200"]);
     let report = std::fs::metadata(folder.path().join("out/report.html")).expect("a report");
     assert!(report.len() < 2_000_000, "{} bytes", report.len());
+}
+
+#[test]
+fn the_page_of_effects_is_what_the_effects_declare() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = stdout(folder.path(), &["effects", "--markdown"]);
+    assert!(
+        page == include_str!("../../docs/effects.md"),
+        "repeat: cargo run -- effects --markdown > docs/effects.md"
+    );
+}
+
+#[test]
+fn an_effect_is_shown_with_its_equation_and_plots() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let text = stdout(path, &["effects", "leak", "--report", "leak.html"]);
+    for shown in [
+        "Form linear: G_leak = conductance_kg_per_pa_s · P",
+        "  Leaves out: choking.",
+        "Signature: ",
+        "Test signal: ",
+        "Compensation: none",
+        "[[effect]]\nname = \"leak\"",
+    ] {
+        assert!(text.contains(shown), "{shown}\n{text}");
+    }
+    let html = std::fs::read_to_string(path.join("leak.html")).expect("a report");
+    assert!(html.contains("Change of pressure"));
+}
+
+#[test]
+fn quiet_leaves_results_and_errors_only() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    for command in [
+        ["-q", "rig", "new", "a.toml"],
+        ["rig", "new", "b.toml", "--quiet"],
+    ] {
+        let output = hil_sim(path, &command);
+        assert!(output.status.success(), "{command:?}");
+        assert_eq!(String::from_utf8_lossy(&output.stderr), "", "{command:?}");
+    }
+    let loud = hil_sim(path, &["rig", "new", "c.toml"]);
+    assert!(String::from_utf8_lossy(&loud.stderr).contains("written: c.toml"));
+    let refused = hil_sim(path, &["rig", "new", "a.toml", "-q"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&refused.stderr).starts_with("hil-sim: a.toml: expected"));
+}
+
+#[test]
+fn errors_are_coloured_where_it_is_asked_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (when, colored) in [("always", true), ("never", false), ("auto", false)] {
+        // One error of the command, one of its arguments.
+        for rest in [
+            ["rig", "check", "absent.toml"],
+            ["rig", "check", "--absent"],
+        ] {
+            let output = hil_sim(folder.path(), &[&["--color", when][..], &rest].concat());
+            assert_eq!(output.status.code(), Some(2));
+            assert_eq!(output.stderr.contains(&0x1b), colored, "{when} {rest:?}");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(message.contains(rest[2]), "{message}");
+        }
+    }
+}
+
+#[test]
+fn an_option_of_paper_before_another_command_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = hil_sim(folder.path(), &["--json", "rig", "new"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("'--json' stands before the command: `hil-sim rig …`"),
+        "{message}"
+    );
+    assert!(!folder.path().join("rig.toml").exists());
+}
+
+#[test]
+fn completions_and_man_pages_are_written() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["completions", "--dir", "share"]);
+    for (file, says) in [
+        ("hil-sim.bash", "diagnose"),
+        ("_hil-sim", "diagnose"),
+        ("hil-sim.fish", "diagnose"),
+        ("hil-sim.1", "hil\\-sim\\-diagnose(1)"),
+        ("hil-sim-diagnose.1", "\\-\\-validate"),
+        ("hil-sim-rig-new.1", "\\-\\-braid\\-angle"),
+    ] {
+        let text = std::fs::read_to_string(path.join("share").join(file)).expect(file);
+        assert!(text.contains(says), "{file}");
+    }
+    assert_eq!(hil_sim(path, &["completions"]).status.code(), Some(2));
+}
+
+/// A campaign of some minutes is interrupted as soon as it has begun.
+#[test]
+#[cfg(all(unix, feature = "terminal"))]
+fn an_interrupt_ends_with_status_130_and_writes_nothing() {
+    use std::io::BufRead;
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder.path())
+        .args(["faults", "--cases", "1000000"])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .expect("the command runs");
+    let mut line = String::new();
+    let stderr = child.stderr.take().expect("a pipe");
+    let mut stderr = std::io::BufReader::new(stderr);
+    stderr.read_line(&mut line).expect("a line");
+    assert_eq!(line, "seed: 1\n");
+    let kill = format!("kill -INT {}", child.id());
+    let killed = std::process::Command::new("sh")
+        .args(["-c", &kill])
+        .status();
+    assert!(killed.expect("a shell").success());
+    assert_eq!(child.wait().expect("ended").code(), Some(130));
+    let left = std::fs::read_dir(folder.path()).expect("the folder");
+    assert_eq!(left.count(), 0);
 }

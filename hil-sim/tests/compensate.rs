@@ -481,3 +481,12 @@ errors_fall_by_half_after_a_diagnosis! {
     errors_fall_by_half_after_a_diagnosis_of_rounded: "valve-dead-zone" "rounded",
     errors_fall_by_half_after_a_diagnosis_of_asymmetric: "valve-dead-zone" "asymmetric",
 }
+
+/// The case of the tutorial: `compensate` and a board take its rig without an edit.
+#[test]
+fn the_tutorials_rig_has_what_a_board_needs() {
+    let case = truth::case(1, 30);
+    let rig = Rig::parse("rig.toml", &case.rig_toml).expect("a rig");
+    let settings = hil_sim::bench::board_settings::from_rig(&rig);
+    assert!(settings.is_ok(), "{:?}", settings.err());
+}

@@ -189,3 +189,57 @@ fn hundred_thousand_ticks_of_the_firmware_replay_on_the_pc() {
         (&100_000.into(), &0.into())
     );
 }
+
+/// Every command of docs/rig-to-board.md, as it stands there.
+#[test]
+#[ignore = "needs FIRMWARE and EMULATED_BOARD"]
+fn the_page_from_records_to_a_board_holds() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let page = include_str!("../../docs/rig-to-board.md");
+    let commands: Vec<_> = page
+        .lines()
+        .filter_map(|line| line.strip_prefix("    "))
+        .collect();
+    assert_eq!(commands.len(), 6);
+    let mut errors_n = Vec::new();
+    for command in commands {
+        let words: Vec<_> = command.split(' ').collect();
+        match words[0] {
+            "cargo" => {
+                let manifest = concat!(env!("CARGO_MANIFEST_DIR"), "/../Cargo.toml");
+                let built = Command::new(env!("CARGO"))
+                    .current_dir(folder.path())
+                    .args([words[1], "--manifest-path", manifest])
+                    .args(&words[2..])
+                    .status();
+                assert!(built.expect("cargo runs").success(), "{command}");
+            }
+            // It prints TOML or, with --out, nothing.
+            "hil-sim" if words[1] == "settings" => {
+                let stored = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+                    .current_dir(folder.path())
+                    .args(&words[1..])
+                    .status();
+                assert!(stored.expect("the command runs").success(), "{command}");
+            }
+            _ => {
+                let result = json(folder.path(), &[&words[1..], &["--json"]].concat());
+                match words[1] {
+                    "diagnose" => assert_eq!(result["effects"][0]["name"], "leak"),
+                    "hil" => {
+                        let error_n = result["runs"][0]["tracking"]["error_n_rms"].as_f64();
+                        errors_n.push(error_n.expect("a number"));
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).expect("settings");
+    assert_eq!(
+        read("out/board.toml"),
+        read("out/compensation/settings.toml")
+    );
+    // From 10.0 to 4.5 N in the test of `compensate`.
+    assert!(errors_n[1] < 0.6 * errors_n[0], "{errors_n:?}");
+}

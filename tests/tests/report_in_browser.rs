@@ -457,6 +457,61 @@ fn every_line_of_every_plot_is_drawn() {
     });
 }
 
+/// The files are made, and not saved: a download would be a request of the page.
+#[test]
+#[ignore = "needs Chromium"]
+fn every_plot_can_be_saved() {
+    in_browser(|page, report| {
+        for (number, plot) in plots(report).iter().enumerate() {
+            let text = |kind| format!("plotFile({number}, \"{kind}\").then((file) => file.text())");
+            let csv = page.evaluate(&text("csv"));
+            let csv = csv.as_str().expect("text");
+            let mut rows = csv.lines();
+            let columns = rows.next().map(|head| head.matches(',').count());
+            // A name may contain commas.
+            assert!(
+                columns >= Some(plot.series.len()),
+                "{}: {columns:?}",
+                plot.title
+            );
+            assert!(rows.count() >= plot.series[0].x.len(), "{}", plot.title);
+            let script = format!(
+                "plotFile({number}, \"svg\").then((file) => file.text()).then((text) => {{
+                   const svg = new DOMParser().parseFromString(text, \"image/svg+xml\");
+                   return [svg.querySelectorAll(\"parsererror\").length,
+                     svg.querySelectorAll(\"path\").length, text.includes(\"NaN\") ? 1 : 0];
+                 }})"
+            );
+            let expected = [0.0, plot.series.len() as f64, 0.0];
+            assert_eq!(page.numbers(&script), expected, "{}", plot.title);
+            let script = format!(
+                "plotFile({number}, \"png\").then((file) => createImageBitmap(file))
+                   .then((image) => [image.width - charts()[{number}].ctx.canvas.width])"
+            );
+            assert_eq!(page.numbers(&script), [0.0], "{}", plot.title);
+        }
+        let buttons = page.numbers("[document.querySelectorAll(\".save button\").length]");
+        assert_eq!(buttons, [3.0 * plots(report).len() as f64]);
+    });
+}
+
+#[test]
+#[ignore = "needs Chromium"]
+fn a_line_is_hidden_by_keyboard() {
+    in_browser(|page, _| {
+        let shown = page.evaluate(
+            "(() => {
+               const name = charts()[0].root.querySelector('.u-series:not(:first-child) th');
+               name.focus();
+               const focused = document.activeElement === name;
+               name.dispatchEvent(new KeyboardEvent('keydown', { key: 'Enter', cancelable: true }));
+               return [focused, charts()[0].series[1].show];
+             })()",
+        );
+        assert_eq!(shown, json!([true, false]));
+    });
+}
+
 #[test]
 #[ignore = "needs Chromium"]
 fn a_role_has_one_colour_in_all_plots_and_their_legends() {

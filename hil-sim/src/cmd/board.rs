@@ -9,8 +9,6 @@ use hil_sim::error::BadInput;
 use model_core::link::Identity;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-#[cfg(feature = "terminal")]
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// A board that sends nothing for this time is considered lost.
@@ -54,11 +52,7 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
     };
     let stop = Arc::new(AtomicBool::new(false));
     #[cfg(feature = "terminal")]
-    {
-        let handler = Arc::clone(&stop);
-        // If the handler cannot be set, an interrupt ends the program immediately.
-        let _ = ctrlc::set_handler(move || handler.store(true, Ordering::Relaxed));
-    }
+    super::interrupt::ask_first(&stop);
     let mut line = Client::new(line, TIMEOUT, Arc::clone(&stop));
     let name = port.unwrap_or("the emulated board").to_string();
     let identity = match line.identity() {

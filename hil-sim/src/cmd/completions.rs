@@ -1,22 +1,67 @@
-//! `hil-sim completions SHELL`.
+//! `hil-sim completions`.
 
 use super::Failure;
-use clap::CommandFactory;
-use clap_complete::{Shell, generate};
+use clap::{CommandFactory, ValueEnum};
+use clap_complete::{Generator, Shell, generate};
+use hil_sim::error::BadInput;
+use hil_sim::output::write_atomically;
+use std::path::{Path, PathBuf};
 
-/// Print shell completions
+/// Print shell completions, or write them and the man pages to a folder
 #[derive(clap::Args)]
 #[command(after_help = "\
-Example:
-  hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim")]
+Examples:
+  hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim
+  hil-sim completions --dir share      share/hil-sim.bash, …, share/hil-sim.1, share/hil-sim-run.1, …")]
 pub struct Args {
     /// The shell
-    shell: Shell,
+    #[arg(required_unless_present = "dir", conflicts_with = "dir")]
+    shell: Option<Shell>,
+    /// Folder for the completions of all shells and a man page for each command
+    #[arg(long, value_name = "DIR")]
+    dir: Option<PathBuf>,
 }
 
-/// Prints the completions of `Cli`.
+/// Prints or writes the completions of `Cli`.
 pub fn run<Cli: CommandFactory>(args: &Args) -> Result<(), Failure> {
+    if let Some(shell) = args.shell {
+        let script = completions::<Cli>(shell);
+        super::print(&String::from_utf8_lossy(&script))?;
+    }
+    if let Some(folder) = &args.dir {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            let name = folder.display().to_string();
+            BadInput::file(name, format!("a folder that can be made, {error}"))
+        })?;
+        for shell in Shell::value_variants() {
+            let path = folder.join(shell.file_name("hil-sim"));
+            write_atomically(&path, &completions::<Cli>(*shell))?;
+        }
+        let mut command = Cli::command();
+        // Otherwise clap adds its options and names of pages only when it parses.
+        command.build();
+        man_pages(folder, &command)?;
+    }
+    Ok(())
+}
+
+fn completions<Cli: CommandFactory>(shell: Shell) -> Vec<u8> {
     let mut script = Vec::new();
-    generate(args.shell, &mut Cli::command(), "hil-sim", &mut script);
-    Ok(super::print(&String::from_utf8_lossy(&script))?)
+    generate(shell, &mut Cli::command(), "hil-sim", &mut script);
+    script
+}
+
+/// Writes the man page of `command` and of each command below it.
+fn man_pages(folder: &Path, command: &clap::Command) -> Result<(), Failure> {
+    let page = clap_mangen::Man::new(command.clone());
+    let path = folder.join(page.get_filename());
+    let mut text = Vec::new();
+    page.render(&mut text)
+        .map_err(|source| hil_sim::output::NotWritten::new(&path, source))?;
+    write_atomically(&path, &text)?;
+    let below = command.get_subcommands();
+    for command in below.filter(|command| command.get_name() != "help") {
+        man_pages(folder, command)?;
+    }
+    Ok(())
 }

@@ -1,26 +1,40 @@
 //! `hil-sim effects`.
 
-use super::{Failure, print, print_json};
+use super::{Failure, print, print_json, this_command};
 use hil_sim::error::{BadInput, one_of};
+use hil_sim::output::write_atomically;
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::effect_toml;
+use hil_sim::signature;
 use muscle_plant::effects::{Catalogue, CompensationMethod, Effect, EffectKind, Form, Parameter};
 use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
 
 /// List the effects that a rig may have, or show one with the lines to paste into a rig file
+///
+/// Symbols of equations: P pressure (gauge), P_r its reference, P_s the supply, ε contraction,
+/// F force, G flow towards the muscle, V volume, θ temperature, t time, L and K_G as in the rig.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   hil-sim effects
   hil-sim effects leak
+  hil-sim effects leak --report leak.html
   hil-sim effects --json")]
 pub struct Args {
     /// The effect to show; all are listed if omitted
     #[arg(value_name = "NAME")]
     name: Option<String>,
+    /// A report to write, with plots of the effect's signature on the paper's rig
+    #[arg(long, value_name = "REPORT.html", requires = "name")]
+    report: Option<PathBuf>,
     /// Print what the effects declare as JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Print all of it as the page docs/effects.md
+    #[arg(long, conflicts_with_all = ["name", "json"])]
+    markdown: bool,
 }
 
 #[derive(Serialize)]
@@ -36,7 +50,9 @@ struct KindSummary {
 #[derive(Serialize)]
 struct FormSummary {
     name: &'static str,
+    equation: &'static str,
     source: &'static str,
+    leaves_out: &'static str,
     keys: Vec<KeySummary>,
     toml: String,
 }
@@ -61,7 +77,9 @@ impl KindSummary {
         };
         let form = |form: &'static Form| FormSummary {
             name: form.name,
+            equation: form.equation,
             source: form.source,
+            leaves_out: form.leaves_out,
             keys: form.parameters.iter().map(key).collect(),
             toml: effect_toml(&Effect::typical(kind, form)),
         };
@@ -77,13 +95,12 @@ impl KindSummary {
 
     fn report(&self) -> Report {
         let mut verdict = vec![
-            format!("Subsystem: {}", self.subsystem),
             format!("Signature: {}", self.signature),
+            format!("Subsystem: {}", self.subsystem),
             format!("Test signal: {}", self.test_signal),
             format!("Compensation: {}", self.compensation),
         ];
-        let sources = self.forms.iter();
-        verdict.extend(sources.map(|form| format!("Form {}: {}", form.name, form.source)));
+        verdict.extend(self.forms.iter().flat_map(FormSummary::sentences));
         Report {
             title: self.name.into(),
             verdict,
@@ -94,6 +111,40 @@ impl KindSummary {
 }
 
 impl FormSummary {
+    /// Its equation, its source and what it leaves out.
+    fn sentences(&self) -> [String; 3] {
+        [
+            format!("Form {}: {}", self.name, self.equation),
+            format!("  Source: {}", self.source),
+            format!("  Leaves out: {}.", self.leaves_out),
+        ]
+    }
+
+    fn markdown(&self, page: &mut String) -> std::fmt::Result {
+        let FormSummary {
+            name,
+            equation,
+            source,
+            leaves_out,
+            ..
+        } = self;
+        let equation = equation.replace("; ", "\n    ");
+        writeln!(page, "\n**{name}**\n\n    {equation}\n")?;
+        writeln!(page, "{source} Leaves out {leaves_out}.")?;
+        if !self.keys.is_empty() {
+            writeln!(
+                page,
+                "\n| key | unit | from | to | typical |\n|---|---|---|---|---|"
+            )?;
+        }
+        for key in &self.keys {
+            let numbers = [key.min, key.max, key.typical].map(|value| format!("{value:?}"));
+            let numbers = numbers.join(" | ");
+            writeln!(page, "| `{}` | {} | {numbers} |", key.key, key.unit)?;
+        }
+        writeln!(page, "\n```toml\n{}```", self.toml)
+    }
+
     fn section(&self) -> Section {
         let row = |key: &KeySummary| {
             let numbers = [key.min, key.max, key.typical].map(|value| format!("{value:?}"));
@@ -149,6 +200,52 @@ fn list(kinds: &[KindSummary]) -> Report {
     }
 }
 
+/// All effects as a page in Markdown.
+fn markdown(kinds: &[KindSummary]) -> String {
+    let mut page = String::from(PAGE_HEAD);
+    // Writing to a string cannot fail.
+    let _ = write_effects(&mut page, kinds);
+    page
+}
+
+fn write_effects(page: &mut String, kinds: &[KindSummary]) -> std::fmt::Result {
+    for kind in kinds {
+        let KindSummary {
+            name,
+            subsystem,
+            signature,
+            test_signal,
+            compensation,
+            forms,
+        } = kind;
+        writeln!(
+            page,
+            "\n## {name}\n\n| | |\n|---|---|\n| subsystem | {subsystem} |"
+        )?;
+        writeln!(
+            page,
+            "| signature | {signature} |\n| test signal | {test_signal} |"
+        )?;
+        writeln!(page, "| compensation | {compensation} |")?;
+        for form in forms {
+            form.markdown(page)?;
+        }
+    }
+    Ok(())
+}
+
+const PAGE_HEAD: &str = "\
+# Effects that a rig may have
+
+Printed by `hil-sim effects --markdown` from what each effect declares in `muscle-plant/src/effects`; a
+test keeps them the same. `hil-sim effects NAME --report signature.html` plots the signature on the
+paper's rig. The first form of an effect is the default. Equations 1 to 9: [theory](theory.md).
+
+Symbols: P pressure (gauge), P_r its reference, P_s the supply, ε contraction, F force, G mass flow
+towards the muscle, V volume, θ temperature, t time, v speed of the load, L initial length, K_G flow
+gain of the valve.
+";
+
 /// Runs the command with the effects of `catalogue`.
 pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
     let Some(name) = &args.name else {
@@ -156,13 +253,28 @@ pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
         if args.json {
             return Ok(print_json(&kinds)?);
         }
+        if args.markdown {
+            return Ok(print(&markdown(&kinds))?);
+        }
         return Ok(print(&list(&kinds).to_text())?);
     };
     let kind = catalogue.find(name).ok_or_else(|| {
         let known: Vec<_> = catalogue.kinds().map(|kind| kind.name).collect();
         BadInput::file("effects", one_of(&known, name))
     })?;
-    let kind = KindSummary::new(kind);
+    let summary = KindSummary::new(kind);
+    if let Some(path) = &args.report {
+        let mut report = summary.report();
+        report.sections.push(Section {
+            heading: "Signature".into(),
+            plots: signature::plots(kind)?,
+            ..Section::default()
+        });
+        report.repeat = vec![this_command()];
+        write_atomically(path, report.to_html().as_bytes())?;
+        super::note(format_args!("report: {}", path.display()));
+    }
+    let kind = summary;
     if args.json {
         return Ok(print_json(&kind)?);
     }

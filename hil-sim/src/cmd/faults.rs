@@ -61,7 +61,7 @@ const WITH_HARDWARE: u64 = 40;
 
 /// Runs the command; true if no case violates its bounds.
 pub fn run(args: &Args) -> Result<bool, Failure> {
-    eprintln!("seed: {}", args.seed);
+    super::note(format_args!("seed: {}", args.seed));
     let results = &args.results;
     if let Some(number) = args.case {
         return run_one(args, number);
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
     write_atomically(&path, &json)?;
     let all_within = summary.violating == 0;
     results.finish(report(&summary), &summary.without_cases())?;
-    eprintln!("cases: {}", path.display());
+    super::note(format_args!("cases: {}", path.display()));
     Ok(all_within)
 }
 
@@ -143,6 +143,9 @@ fn run_one(args: &Args, number: u64) -> Result<bool, Failure> {
     written?;
     recorder.finish()?;
     args.results.print(&report_case(&outcome), &outcome)?;
-    eprintln!("record: {}, and as MCAP beside it", path.display());
+    super::note(format_args!(
+        "record: {}, and as MCAP beside it",
+        path.display()
+    ));
     Ok(outcome.violations.is_empty())
 }

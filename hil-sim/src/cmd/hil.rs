@@ -103,8 +103,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let mut board = connect(args.port.as_deref())?;
     let words = describe(&board.identity);
-    eprintln!("seed: {}", args.scenario.seed);
-    eprintln!("board: {words}");
+    super::note(format_args!("seed: {}", args.scenario.seed));
+    super::note(format_args!("board: {words}"));
     let may_write = args.write_settings || args.port.is_none();
     let settings = match &args.settings {
         Some(file) => {
@@ -154,7 +154,9 @@ pub fn print_tenths(name: &str, tick: &Tick, duration_s: f64) {
             .fault
             .map_or(String::new(), |fault| format!(", {fault}"));
         let (mode, force_n) = (output.mode, tick.force_n);
-        eprintln!("{name}: {time_s:.1} of {duration_s:.1} s, {mode}{fault}, {force_n:.0} N");
+        super::note(format_args!(
+            "{name}: {time_s:.1} of {duration_s:.1} s, {mode}{fault}, {force_n:.0} N"
+        ));
     }
 }
 
@@ -217,9 +219,9 @@ fn all(
         if prints_lines {
             let lines = view.lock().map(|mut view| view.take_log());
             for line in lines.unwrap_or_default() {
-                eprintln!("{line}");
+                super::note(format_args!("{line}"));
             }
-            eprintln!("{}", one.run.verdict());
+            super::note(format_args!("{}", one.run.verdict()));
         }
         done.push(one);
         if stopped {

@@ -11,6 +11,8 @@ pub mod experiment;
 pub mod faults;
 pub mod hil;
 pub mod import;
+#[cfg(feature = "terminal")]
+pub mod interrupt;
 pub mod paper;
 mod progress;
 pub mod record;
@@ -29,9 +31,29 @@ use hil_sim::rig::Rig;
 use progress::Progress;
 use serde::Serialize;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Why a command ended early.
 pub type Failure = hil_sim::bench::error::Error;
+
+/// Whether only results and errors are printed.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Prints results and errors only, or also progress and notes.
+pub fn set_quiet(quiet: bool) {
+    QUIET.store(quiet, Ordering::Relaxed);
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Prints a note beside the results to stderr.
+fn note(text: impl std::fmt::Display) {
+    if !is_quiet() {
+        eprintln!("{text}");
+    }
+}
 
 /// Arguments for the rig and the results.
 #[derive(clap::Args)]
@@ -106,7 +128,7 @@ impl Results {
         report.repeat = vec![this_command()];
         write_atomically(&path, report.to_html().as_bytes())?;
         self.print(&report, summary)?;
-        eprintln!("report: {}", path.display());
+        note(format_args!("report: {}", path.display()));
         Ok(())
     }
 }

@@ -22,6 +22,9 @@ mod drawn {
                 bar.set_style(style);
             }
             bar.set_message(doing);
+            if super::super::is_quiet() {
+                return Progress(bar);
+            }
             let later = bar.clone();
             std::thread::spawn(move || {
                 std::thread::sleep(Duration::from_secs(1));

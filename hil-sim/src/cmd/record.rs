@@ -140,7 +140,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let mut board = connect(args.port.as_deref())?;
     let words = describe(&board.identity);
-    eprintln!("board: {words}");
+    super::note(format_args!("board: {words}"));
     let values = board.line.settings()?;
     let settings = match &player {
         None => valid(&board.port, Settings::new(values))?,
@@ -272,7 +272,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let rig = Rig::read(path)?;
     let mut board = connect(None)?;
     let words = describe(&board.identity);
-    eprintln!("board: {words}");
+    super::note(format_args!("board: {words}"));
     let own = board.line.settings()?;
     let values = SettingsValues {
         play_pressure_pa_max: player.pressure_pa_max(),

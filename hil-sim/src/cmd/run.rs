@@ -152,7 +152,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = common.rig()?;
     let experiment = args.scenario.experiment()?;
     let runs = runs(args, &rig, &experiment)?;
-    eprintln!("seed: {}", args.scenario.seed);
+    super::note(format_args!("seed: {}", args.scenario.seed));
     let mut summary = Summary {
         seed: args.scenario.seed,
         runs: Vec::new(),

@@ -24,6 +24,9 @@ pub struct Args {
     /// The file to write the settings to
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Print the settings as JSON instead of TOML
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command.
@@ -36,10 +39,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(wanted) = wanted {
         board.line.write_settings(wanted.values())?;
     }
-    let text = settings_file::to_toml(&board.line.settings()?);
-    match &args.out {
-        Some(path) => write_atomically(path, text.as_bytes())?,
-        None => super::print(&text)?,
+    let settings = board.line.settings()?;
+    let text = settings_file::to_toml(&settings);
+    if let Some(path) = &args.out {
+        write_atomically(path, text.as_bytes())?;
+    }
+    if args.json {
+        super::print_json(&settings)?;
+    } else if args.out.is_none() {
+        super::print(&text)?;
     }
     Ok(())
 }

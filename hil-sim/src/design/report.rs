@@ -2,6 +2,7 @@
 
 use super::bode::{bode, linspace};
 use crate::bench::tick::TICK_S;
+use crate::datasheet::valve::{Catalogue, ValveSheet};
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
@@ -25,6 +26,8 @@ pub struct Question {
 pub struct Answer {
     /// The largest flow gain that any equilibrium requires \[kg/(Pa·s)\].
     pub flow_gain_needed_kg_per_pa_s: f64,
+    /// The same in the words of a valve's data sheet.
+    pub valve_needed: Catalogue,
     /// The equilibrium that requires it.
     pub worst: Linearisation,
     /// Flow gain of the rig's valve \[kg/(Pa·s)\].
@@ -98,6 +101,7 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
     };
     let answer = Answer {
         flow_gain_needed_kg_per_pa_s: needed(&worst),
+        valve_needed: ValveSheet::of_gain(needed(&worst)).catalogue(),
         worst,
         flow_gain_kg_per_pa_s: valve.flow_gain_kg_per_pa_s,
         sufficient: valve.flow_gain_kg_per_pa_s >= needed(&worst),
@@ -142,16 +146,30 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
     } else {
         "is not sufficient"
     };
+    let sheet = &answer.valve_needed;
+    let omega2_hz = worst.omega2_rad_per_s / (2.0 * std::f64::consts::PI);
     let mut verdict = vec![
         format!(
             "The valve needs a flow gain of at least {needs:.1e} kg/(Pa·s): \
              the rig's {has:.1e} {enough}."
         ),
+        format!("On a data sheet that is {}.", sheet.words()),
+        format!(
+            "Such is {}; it must also follow its reference faster than {omega2_hz:.1} Hz.",
+            sheet.class()
+        ),
+        format!(
+            "Assumed: the flow gain is the nominal flow over its drop of 1 bar; b = {}, as spool \
+             valves have 0.2 to 0.4; C by ISO 6358-1, Kv and Cv by IEC 60534-2-1; ANR is air at \
+             20 °C and 100 kPa. A valve passes more per bar over a smaller drop and less over a \
+             larger one.",
+            sheet.critical_ratio
+        ),
         format!(
             "This is required at {:.0} kPa with {:.1} kg, where ω₂ = {:.2} Hz.",
             worst.pressure_pa / 1e3,
             worst.mass_kg,
-            worst.omega2_rad_per_s / (2.0 * std::f64::consts::PI)
+            omega2_hz
         ),
     ];
     if let (Some(limits), Some(assist)) = (&answer.stiffness_gain_limits, &rig.assist) {

@@ -44,6 +44,8 @@ pub struct Evidence {
     pub mark: &'static str,
     /// Where its equations come from.
     pub source: &'static str,
+    /// What they leave out.
+    pub leaves_out: &'static str,
 }
 
 /// A named effect.
@@ -370,6 +372,7 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
                 cost_without: without.fit.score(),
                 mark: kind.signature,
                 source: kind.form(form)?.source,
+                leaves_out: kind.form(form)?.leaves_out,
             },
         })
     };

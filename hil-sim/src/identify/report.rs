@@ -281,13 +281,15 @@ fn missing(diagnosed: &Diagnosed) -> Section {
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
         format!(
-            "{} ({}): {} Without it the cost is {:.0}, with it {:.0}. {}",
+            "{} ({}): {} Without it the cost is {:.0}, with it {:.0}. {} \
+             Leaves out {}.",
             effect.name,
             effect.place,
             evidence.mark,
             evidence.cost_without,
             evidence.cost,
-            evidence.source
+            evidence.source,
+            evidence.leaves_out
         )
     });
     let others = diagnosis

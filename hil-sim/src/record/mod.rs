@@ -10,7 +10,7 @@ mod csv;
 pub mod import;
 pub mod mcap;
 mod misnamed;
-mod units;
+pub(crate) mod units;
 
 use crate::error::BadInput;
 pub(crate) use csv::{newlines, row_start};

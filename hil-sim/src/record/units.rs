@@ -6,10 +6,10 @@ use super::{
 };
 
 /// A unit: its name, its size in the SI unit, and the SI value of its zero.
-pub(super) type Unit = (&'static str, f64, f64);
+pub(crate) type Unit = (&'static str, f64, f64);
 
 /// Units of pressure. The zero is that of the source: `offset` turns absolute into gauge pressure.
-const PRESSURE: &[Unit] = &[
+pub(crate) const PRESSURE: &[Unit] = &[
     ("Pa", 1.0, 0.0),
     ("hPa", 100.0, 0.0),
     ("mbar", 100.0, 0.0),
@@ -18,8 +18,8 @@ const PRESSURE: &[Unit] = &[
     ("MPa", 1e6, 0.0),
     ("psi", 6_894.757_293_168_361, 0.0),
 ];
-const RATIO: &[Unit] = &[("1", 1.0, 0.0), ("%", 0.01, 0.0)];
-const FORCE: &[Unit] = &[
+pub(crate) const RATIO: &[Unit] = &[("1", 1.0, 0.0), ("%", 0.01, 0.0)];
+pub(crate) const FORCE: &[Unit] = &[
     ("N", 1.0, 0.0),
     ("mN", 1e-3, 0.0),
     ("kN", 1e3, 0.0),

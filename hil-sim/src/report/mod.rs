@@ -14,6 +14,9 @@ const PLOT_SCRIPT: &str = include_str!("../../assets/uPlot.iife.min.js");
 /// Number of points of a decimated line, more than the columns of a screen.
 const POINTS_MAX: usize = 4000;
 
+/// Number of sections from which a report has contents.
+const CONTENTS_MIN: usize = 3;
+
 /// Significant digits of a plotted number, finer than a pixel at any practical zoom.
 const DIGITS: usize = 6;
 
@@ -262,8 +265,10 @@ impl Report {
             writeln!(html, "<p class=\"{class}\">{}</p>", escaped(sentence))?;
         }
         writeln!(html, "</header>")?;
-        for section in &self.sections {
-            writeln!(html, "<section><h2>{}</h2>", escaped(&section.heading))?;
+        self.write_contents(html)?;
+        for (number, section) in self.sections.iter().enumerate() {
+            let heading = escaped(&section.heading);
+            writeln!(html, "<section id=\"s{number}\"><h2>{heading}</h2>")?;
             for paragraph in &section.text {
                 writeln!(html, "<p>{}</p>", escaped(paragraph))?;
             }
@@ -292,11 +297,31 @@ impl Report {
         for command in &self.repeat {
             writeln!(html, "<pre><code>{}</code></pre>", escaped(command))?;
         }
-        writeln!(
-            html,
-            "<p class=\"hint\">In the plots: point or tap for values, drag to zoom, double-click \
-             to see all again; a name in the legend hides its line.</p></footer>"
-        )
+        writeln!(html, "</footer>")
+    }
+
+    /// The sections, if there are several, and how to use the plots.
+    fn write_contents(&self, html: &mut String) -> std::fmt::Result {
+        if self.sections.len() >= CONTENTS_MIN {
+            writeln!(html, "<nav aria-label=\"Contents\"><ol>")?;
+            for (number, section) in self.sections.iter().enumerate() {
+                let heading = escaped(&section.heading);
+                writeln!(html, "<li><a href=\"#s{number}\">{heading}</a></li>")?;
+            }
+            writeln!(html, "</ol></nav>")?;
+        }
+        if self
+            .sections
+            .iter()
+            .any(|section| !section.plots.is_empty())
+        {
+            writeln!(
+                html,
+                "<p class=\"hint\">In the plots: point or tap for values, drag to zoom, \
+                 double-click to see all again; a name in the legend hides its line.</p>"
+            )?;
+        }
+        Ok(())
     }
 
     /// Text and tables, for a terminal.
@@ -406,7 +431,12 @@ mod tests {
 
     #[test]
     fn report_needs_no_network() {
-        let html = sample().to_html();
+        let mut report = sample();
+        report.sections = vec![report.sections[0].clone(); CONTENTS_MIN];
+        // Contents lead to places of the page itself.
+        let html = report.to_html();
+        assert!(html.contains("<a href=\"#s2\">"));
+        let html = html.replace(" href=\"#", "");
         for fetched in [
             " src=",
             " href=",

@@ -23,9 +23,7 @@ impl Rig {
             if let (Some(value), Some(item)) = (value, item.and_then(|item| item.as_value_mut()))
                 && item.as_float() != Some(value)
             {
-                let decor = item.decor().clone();
-                *item = float_toml(value).parse().unwrap_or_else(|_| value.into());
-                *item.decor_mut() = decor;
+                set_value(item, value);
             }
         }
         let effects = document.get("effect");
@@ -49,6 +47,62 @@ impl Rig {
         }
         Ok(text)
     }
+}
+
+/// The rig file `text` with other numbers and their tolerances (section, key, value, relative
+/// standard deviation), and without some keys of a section; comments are kept.
+///
+/// # Errors
+/// The text is not TOML.
+pub fn set_numbers<'a>(
+    text: &str,
+    numbers: impl Iterator<Item = (&'a str, &'a str, f64, f64)>,
+    (section_without, without): (&str, &[&str]),
+) -> Result<String, toml_edit::TomlError> {
+    let mut document: toml_edit::DocumentMut = text.parse()?;
+    for (section, key, number, relative_sigma) in numbers {
+        set_number(&mut document[section][key], number);
+        let tolerances = document.entry("tolerance").or_insert_with(implicit_table);
+        if tolerances.get(section).is_none() {
+            tolerances[section] = toml_edit::table();
+        }
+        set_number(&mut tolerances[section][key], relative_sigma);
+    }
+    for key in without {
+        let tolerances = document.get_mut("tolerance");
+        let tolerances = tolerances.and_then(|tolerances| tolerances.get_mut(section_without));
+        remove(tolerances, key);
+        remove(document.get_mut(section_without), key);
+    }
+    Ok(document.to_string())
+}
+
+fn remove(table: Option<&mut toml_edit::Item>, key: &str) {
+    if let Some(table) = table.and_then(|table| table.as_table_like_mut()) {
+        table.remove(key);
+    }
+}
+
+fn implicit_table() -> toml_edit::Item {
+    let mut table = toml_edit::Table::new();
+    table.set_implicit(true);
+    toml_edit::Item::Table(table)
+}
+
+/// Replaces a number and keeps the comment behind it.
+fn set_number(item: &mut toml_edit::Item, number: f64) {
+    if item.is_none() {
+        *item = toml_edit::value(number);
+    }
+    if let Some(value) = item.as_value_mut() {
+        set_value(value, number);
+    }
+}
+
+fn set_value(value: &mut toml_edit::Value, number: f64) {
+    let decor = value.decor().clone();
+    *value = float_toml(number).parse().unwrap_or_else(|_| number.into());
+    *value.decor_mut() = decor;
 }
 
 /// The shortest decimal that reads back as `value`; scientific where the exponent is below −4 or

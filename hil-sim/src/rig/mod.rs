@@ -4,7 +4,7 @@ mod edit;
 mod keys;
 mod read;
 
-pub use edit::effect_toml;
+pub use edit::{effect_toml, set_numbers};
 pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG};
 
 use crate::error::BadInput;
@@ -216,7 +216,8 @@ impl Rig {
     /// # Errors
     /// The rig has no section `assist`.
     pub fn require_assist(&self) -> Result<&Assist<f64>, BadInput> {
-        let what = "this section, as the assist is simulated";
+        let what = "this section with gain, input_stiffness_n_per_m, lever_length_m and \
+                    pulley_diameter_m, as the assist is simulated (`hil-sim rig new` writes one)";
         self.assist
             .as_ref()
             .ok_or_else(|| self.missing("assist", what))

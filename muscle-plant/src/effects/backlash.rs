@@ -33,17 +33,22 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "play",
             parameters: &[PLAY_M],
+            equation: "The reading r stays within w = play_m/(2L) of ε: it stands still until ε \
+                       reaches r ± w, and is then dragged along; r = ε at first",
             source: "A play operator (Tao & Kokotović 1996) with the encoder in the middle of the \
-                     play at first. Leaves out friction and inertia of the encoder, and play \
-                     between muscle and load.",
+                     play at first.",
+            leaves_out: "friction and inertia of the encoder, and play between muscle and load",
             build: |values| Term::Sensor(Box::new(play(values))),
             observation: Some(|values| Box::new(play(values))),
         },
         Form {
             name: "play-from-a-side",
             parameters: &[PLAY_M, START],
-            source: "The same with the initial position of the encoder in the play: at −1 it moves \
-                     at once when the muscle contracts, at 1 when it extends. Leaves out the same.",
+            equation: "The reading r stays within w = play_m/(2L) of ε: it stands still until ε \
+                       reaches r ± w, and is then dragged along; r = ε + start · w at first",
+            source: "The same with the initial position of the encoder in the play: at −1 it \
+                     moves at once when the muscle contracts, at 1 when it extends.",
+            leaves_out: "friction and inertia of the encoder, and play between muscle and load",
             build: |values| Term::Sensor(Box::new(play_from_a_side(values))),
             observation: Some(|values| Box::new(play_from_a_side(values))),
         },
@@ -56,10 +61,13 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("far_share", "1", (0.2, 0.8), 0.5),
                 START,
             ],
+            equation: "r = (1 − far_share) · r₁ + far_share · r₂; r₁ and r₂ are dragged along by \
+                       ε with half-plays w₁ = (1 − far_share · grade) · w and w₂ = w₁ + grade · \
+                       w, w = play_m/(2L), and are ε + start · wᵢ at first",
             source: "A sum of two plays (Prandtl–Ishlinskii) with the given one as their mean: a \
                      share of the reading has a play that is larger than the rest's by the grade \
-                     times the mean, as with a compliant coupling. Leaves out more than two \
-                     stages.",
+                     times the mean, as with a compliant coupling.",
+            leaves_out: "more than two stages",
             build: |values| Term::Sensor(Box::new(graded(values))),
             observation: Some(|values| Box::new(graded(values))),
         },

@@ -30,9 +30,10 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("force_n", "N", (-1e3, 1e4), 60.0).neutral(0.0),
                 Parameter::new("growth", "1", (0.1, 100.0), 10.0).log(),
             ],
+            equation: "F = Eq 1 − force_n · (exp(growth · ε) − 1)/(exp(growth · 0.25) − 1)",
             source: "A force proportional to exp(kε) − 1, with its size at a contraction of 0.25, \
-                     after the strain stiffening of rubber; Tondu 2012. Leaves out a share that \
-                     depends on pressure.",
+                     after the strain stiffening of rubber; Tondu 2012.",
+            leaves_out: "a share that depends on pressure",
             build: |values| {
                 Term::Muscle(Box::new(Exponential {
                     per_exponential_n: values[0] / (values[1] * REFERENCE_CONTRACTION).exp_m1(),
@@ -47,9 +48,11 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("linear_n", "N", (-1e4, 1e4), 30.0).neutral(0.0),
                 Parameter::new("quadratic_n", "N", (-1e4, 1e4), 30.0).neutral(0.0),
             ],
+            equation: "F = Eq 1 − linear_n · e − quadratic_n · e², e = ε/0.25",
             source: "A force linear and quadratic in contraction, with sizes at 0.25: the first \
                      terms of the bladder's strain energy (Chou & Hannaford 1996; Klute & \
-                     Hannaford 2000). Leaves out higher terms.",
+                     Hannaford 2000).",
+            leaves_out: "higher terms",
             build: |values| {
                 Term::Muscle(Box::new(Polynomial {
                     linear_n: values[0],

@@ -20,8 +20,9 @@ pub static KIND: EffectKind = EffectKind {
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset", "1", (-0.2, 0.2), 0.01).neutral(0.0)],
-        source: "Reading = truth + offset, in contraction. Leaves out counts that are lost during \
-                 motion.",
+        equation: "Reading = ε + offset",
+        source: "Reading = truth + offset, in contraction.",
+        leaves_out: "counts that are lost during motion",
         build: |values| Term::Sensor(Box::new(ContractionSensorOffset { offset: values[0] })),
         observation: None,
     }],

@@ -43,44 +43,54 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
-            source: "One relaxation of the pressure, which acts through the braid; its size is the \
-                     force after a step of 300 kPa at no contraction. Tondu 2012. Leaves out that \
-                     the relaxation of rubber spans decades of time.",
+            equation: "F = Eq 1 − force_n · f_p(ε)/f_p(0) · (p − s); ds/dt = (p − \
+                       s)/time_constant_s, p = P/300 kPa, f_p = ∂F/∂P",
+            source: "One relaxation of the pressure, which acts through the braid; its size is \
+                     the force after a step of 300 kPa at no contraction. Tondu 2012.",
+            leaves_out: "that the relaxation of rubber spans decades of time",
             build: |values| Term::Muscle(Box::new(one(values, BY_PRESSURE))),
             observation: Some(|values| Box::new(one(values, BY_PRESSURE))),
         },
         Form {
             name: "two-relaxations",
             parameters: &TWO,
-            source: "Two relaxations of the pressure, with sizes at a step of 300 kPa. Leaves out \
-                     that the relaxation of rubber spans decades of time.",
+            equation: "F = Eq 1 − f_p(ε)/f_p(0) · (force_n · (p − s₁) + second_force_n · (p − \
+                       s₂)); ds₁/dt = (p − s₁)/time_constant_s, ds₂/dt = (p − \
+                       s₂)/second_time_constant_s, p = P/300 kPa, f_p = ∂F/∂P",
+            source: "Two relaxations of the pressure, with sizes at a step of 300 kPa.",
+            leaves_out: "that the relaxation of rubber spans decades of time",
             build: |values| Term::Muscle(Box::new(two(values, BY_PRESSURE))),
             observation: Some(|values| Box::new(two(values, BY_PRESSURE))),
         },
         Form {
             name: "logarithmic",
             parameters: &[Parameter::new("force_per_decade_n", "N", (0.0, 1e3), 10.0).neutral(0.0)],
+            equation: "F = Eq 1 − force_per_decade_n · f_p(ε)/f_p(0) · Σ (p − sᵢ); dsᵢ/dt = (p − \
+                       sᵢ)/Tᵢ with Tᵢ = 0.5, 5, 50, 500 s, p = P/300 kPa, f_p = ∂F/∂P",
             source: "Drift proportional to the logarithm of time after a step of 300 kPa, as of \
-                     rubber (Gent 1962), by relaxations a decade apart from 0.5 to 500 s. Leaves \
-                     out drift before 0.2 s and after 1000 s.",
+                     rubber (Gent 1962), by relaxations a decade apart from 0.5 to 500 s.",
+            leaves_out: "drift before 0.2 s and after 1000 s",
             build: |values| Term::Muscle(Box::new(decades(values))),
             observation: Some(|values| Box::new(decades(values))),
         },
         Form {
             name: "strain-relaxation",
             parameters: &[FORCE_N, TIME_CONSTANT_S],
+            equation: "F = Eq 1 − force_n · (e − s); ds/dt = (e − s)/time_constant_s, e = ε/0.25",
             source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener); its \
-                     size is the force after a step of 0.25 in contraction. Leaves out the \
-                     relaxation after a step of pressure alone.",
+                     size is the force after a step of 0.25 in contraction.",
+            leaves_out: "the relaxation after a step of pressure alone",
             build: |values| Term::Muscle(Box::new(one(values, BY_STRAIN))),
             observation: Some(|values| Box::new(one(values, BY_STRAIN))),
         },
         Form {
             name: "two-strain-relaxations",
             parameters: &TWO,
+            equation: "F = Eq 1 − force_n · (e − s₁) − second_force_n · (e − s₂); ds₁/dt = (e − \
+                       s₁)/time_constant_s, ds₂/dt = (e − s₂)/second_time_constant_s, e = ε/0.25",
             source: "Two relaxations of the bladder's strain, in parallel with Eq 1 (generalized \
-                     Maxwell), with sizes at a step of 0.25 in contraction. Leaves out the \
-                     relaxation after a step of pressure alone.",
+                     Maxwell), with sizes at a step of 0.25 in contraction.",
+            leaves_out: "the relaxation after a step of pressure alone",
             build: |values| Term::Muscle(Box::new(two(values, BY_STRAIN))),
             observation: Some(|values| Box::new(two(values, BY_STRAIN))),
         },
@@ -91,11 +101,14 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("shortest_time_constant_s", "s", (0.1, 3.0), 0.3).log(),
                 Parameter::new("longest_time_constant_s", "s", (1.0, 1e5), 200.0).log(),
             ],
+            equation: "F = Eq 1 − force_per_decade_n · lg r · Σ (e − sᵢ); dsᵢ/dt = (e − sᵢ)/Tᵢ \
+                       with four Tᵢ from shortest_time_constant_s to longest_time_constant_s at \
+                       equal ratios r, e = ε/0.25",
             source: "Relaxation of the bladder's strain proportional to the logarithm of time, as \
                      of rubber (Gent 1962); its size is the change of force per decade after a \
                      step of 0.25 in contraction. Four branches of equal size, at equal ratios \
-                     from the shortest to the longest time constant. Leaves out the relaxation \
-                     after a step of pressure alone.",
+                     from the shortest to the longest time constant.",
+            leaves_out: "the relaxation after a step of pressure alone",
             build: |values| Term::Muscle(Box::new(strain_decades(values))),
             observation: Some(|values| Box::new(strain_decades(values))),
         },

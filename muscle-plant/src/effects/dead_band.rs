@@ -28,17 +28,19 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "sharp",
             parameters: &[PRESSURE_PA],
-            source: "The pressure less a threshold acts on the braid, none below it; Tondu 2012. \
-                     Leaves out a rounded onset.",
+            equation: "F = Eq 1 − f_p · min(P, pressure_pa), f_p = ∂F/∂P",
+            source: "The pressure less a threshold acts on the braid, none below it; Tondu 2012.",
+            leaves_out: "a rounded onset",
             build: |values| dead_band(values[0], f64::min),
             observation: None,
         },
         Form {
             name: "rounded",
             parameters: &[PRESSURE_PA],
+            equation: "F = Eq 1 − f_p · pressure_pa · (1 − exp(−P/pressure_pa)), f_p = ∂F/∂P",
             source: "The lost pressure approaches the threshold exponentially, as the bladder \
-                     comes into contact with the braid gradually. Leaves out a threshold that \
-                     changes with contraction.",
+                     comes into contact with the braid gradually.",
+            leaves_out: "a threshold that changes with contraction",
             build: |values| {
                 dead_band(values[0], |pressure_pa, dead_pa| {
                     -dead_pa * (-pressure_pa / dead_pa).exp_m1()
@@ -52,9 +54,13 @@ pub static KIND: EffectKind = EffectKind {
                 PRESSURE_PA,
                 Parameter::new("sharpness", "1", (0.1, 100.0), 3.0).log(),
             ],
+            equation: "F = Eq 1 − f_p · (mean of min(P, T)), f_p = ∂F/∂P; the thresholds T have a \
+                       logistic distribution cut at 0 with the mean pressure_pa, whose centre is \
+                       sharpness times its scale",
             source: "Parts of the bladder come into contact with the braid at pressures with a \
                      logistic distribution, narrower with larger sharpness; above all of them \
-                     their mean is lost. Leaves out a threshold that changes with contraction.",
+                     their mean is lost.",
+            leaves_out: "a threshold that changes with contraction",
             build: |values| {
                 let sharpness = values[1];
                 dead_band(values[0], move |pressure_pa, dead_pa| {

@@ -44,17 +44,27 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "choked-orifice",
             parameters: &[FILLING, EXHAUSTING, CRITICAL_RATIO],
+            equation: "|G| = min(K_G |P_r − P|, G_max); G_max = C p₁ √(1 − ((q − b)/(1 − b))²), q \
+                       = max(p₂/p₁, b), b = critical_ratio; C = filling_conductance_kg_per_pa_s \
+                       from supply to port, exhausting_conductance_kg_per_pa_s from port to \
+                       atmosphere",
             source: "Upper limits of the flow by ISO 6358-1 for the supply port and the exhaust \
                      port, with sonic conductances as mass flow over upstream pressure and one \
-                     critical ratio. Leaves out temperature and a rounded onset.",
+                     critical ratio.",
+            leaves_out: "temperature and a rounded onset",
             build: |values| orifices(values, false),
             observation: None,
         },
         Form {
             name: "rounded",
             parameters: &[FILLING, EXHAUSTING, CRITICAL_RATIO],
+            equation: "1/G² = 1/(K_G (P_r − P))² + 1/G_max²; G_max = C p₁ √(1 − ((q − b)/(1 − \
+                       b))²), q = max(p₂/p₁, b), b = critical_ratio; C = \
+                       filling_conductance_kg_per_pa_s from supply to port, \
+                       exhausting_conductance_kg_per_pa_s from port to atmosphere",
             source: "The choked orifices in series with the valve's linear opening, G⁻² = Σ G⁻²: \
-                     resistances of turbulent flow add so. Leaves out temperature.",
+                     resistances of turbulent flow add so.",
+            leaves_out: "temperature",
             build: |values| orifices(values, true),
             observation: None,
         },
@@ -65,8 +75,9 @@ pub static KIND: EffectKind = EffectKind {
                     .log()
                     .neutral(WIDE_KG_PER_S),
             ],
-            source: "One largest flow, approached as tanh. Leaves out that the flow limit grows \
-                     with upstream pressure.",
+            equation: "G = flow_kg_per_s · tanh(K_G (P_r − P)/flow_kg_per_s)",
+            source: "One largest flow, approached as tanh.",
+            leaves_out: "that the flow limit grows with upstream pressure",
             build: |values| {
                 Term::Valve(Box::new(Saturation {
                     flow_kg_per_s: values[0],

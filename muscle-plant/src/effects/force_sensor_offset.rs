@@ -18,8 +18,10 @@ pub static KIND: EffectKind = EffectKind {
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset_n", "N", (-1e3, 1e3), 10.0).neutral(0.0)],
+        equation: "Reading = F + offset_n",
         source: "Reading = truth + offset: the load cell's zero balance, mounting and tare (ISO \
-                 376). Leaves out gain and drift.",
+                 376).",
+        leaves_out: "gain and drift",
         build: |values| {
             Term::Sensor(Box::new(ForceSensorOffset {
                 offset_n: values[0],

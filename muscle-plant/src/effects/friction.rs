@@ -29,8 +29,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "coulomb",
             parameters: &[FORCE_N],
-            source: "One force added to static and to Coulomb friction. Leaves out presliding and \
-                     any dependence on speed.",
+            equation: "Eq 5 with coulomb_friction_n + force_n and static_friction_n + force_n",
+            source: "One force added to static and to Coulomb friction.",
+            leaves_out: "presliding and any dependence on speed",
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
@@ -47,8 +48,11 @@ pub static KIND: EffectKind = EffectKind {
                 STATIC_RATIO,
                 Parameter::new("speed_m_per_s", "m/s", (1e-4, 1.0), 1e-2).log(),
             ],
+            equation: "Eq 5 with coulomb_friction_n + force_n · (1 + (static_ratio − 1) · \
+                       exp(−(v/speed_m_per_s)²)) and static_friction_n + force_n · static_ratio",
             source: "Coulomb friction and a static excess that falls as a Gaussian of the speed; \
-                     Olsson et al. 1998. Leaves out presliding.",
+                     Olsson et al. 1998.",
+            leaves_out: "presliding",
             build: |values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
@@ -68,9 +72,11 @@ pub static KIND: EffectKind = EffectKind {
                     .log()
                     .physical_max(),
             ],
+            equation: "Eq 5 with F − force_n · z; dz/dt = v/deflection_m · (1 − sgn(v) · z/g), g \
+                       = 1 + (static_ratio − 1) · exp(−(v/(10 mm/s))²)",
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
-                     1998), with a Stribeck speed of 10 mm/s. Leaves out the damping of the \
-                     bristles beside that of the load.",
+                     1998), with a Stribeck speed of 10 mm/s.",
+            leaves_out: "the damping of the bristles beside that of the load",
             build: |values| {
                 Term::Load(Box::new(LuGre {
                     force_n: values[0],

@@ -31,8 +31,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "factor",
             parameters: &[FACTOR],
-            source: "The nominal coefficient times a factor, with walls at ambient temperature. \
-                     Leaves out walls that warm up, and a coefficient that depends on the flow.",
+            equation: "Eq 4 with factor · h",
+            source: "The nominal coefficient times a factor, with walls at ambient temperature.",
+            leaves_out: "walls that warm up, and a coefficient that depends on the flow",
             build: |values| Term::Gas(Box::new(Factor { factor: values[0] })),
             observation: None,
         },
@@ -49,8 +50,12 @@ pub static KIND: EffectKind = EffectKind {
                 .log()
                 .neutral(LARGE_J_PER_M2_K),
             ],
+            equation: "Eq 4 with factor · h and the wall's temperature θ_w; \
+                       wall_heat_capacity_j_per_m2_k · dθ_w/dt = factor · h · (θ − θ_w) − 10 \
+                       W/(m²·K) · (θ_w − θ_a)",
             source: "The same with a wall that stores heat and transfers it to still air outside \
-                     at 10 W/(m²·K). Leaves out the temperature profile within the wall.",
+                     at 10 W/(m²·K).",
+            leaves_out: "the temperature profile within the wall",
             build: |values| {
                 Term::Gas(Box::new(Wall {
                     factor: values[0],

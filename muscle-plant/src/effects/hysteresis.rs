@@ -46,11 +46,16 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("taper", "1", (0.0, 2.0), 0.5),
                 BASE_SHARE,
             ],
+            equation: "F = Eq 1 − force_n · (base_share + (1 − base_share) · P/300 kPa) · z; z = \
+                       Σ wᵢ · (ε − sᵢ)/dᵢ over six elements, whose sliders sᵢ stay within dᵢ of \
+                       ε; dᵢ from reach/√spread to reach·√spread at equal ratios, wᵢ proportional \
+                       to dᵢ^(−taper), Σ wᵢ = 1",
             source: "Prandtl–Ishlinskii sum of stop elements (Maxwell slip) in contraction; its \
                      size is half the loop's width at 300 kPa. The thresholds are a geometric \
                      progression about the reach, the largest the spread times the smallest; the \
                      heights fall with the power `taper` of the thresholds. Shin & Kogiso 2020, \
-                     Tondu 2012. Leaves out loops that are wider in one direction.",
+                     Tondu 2012.",
+            leaves_out: "loops that are wider in one direction",
             build: |values| {
                 let thresholds = thresholds(values[1], values[2]);
                 Term::Muscle(Box::new(MaxwellSlip {
@@ -69,8 +74,10 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("sharpness", "1", (1.0, 10.0), 2.0).log(),
                 BASE_SHARE,
             ],
-            source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976). Leaves out \
-                     closed minor loops: a small one drifts.",
+            equation: "F = Eq 1 − force_n · (base_share + (1 − base_share) · P/300 kPa) · z; \
+                       dz/dε = (1 − |z|^sharpness)/reach while |z| grows, 1/reach while it falls",
+            source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976).",
+            leaves_out: "closed minor loops: a small one drifts",
             build: |values| {
                 Term::Muscle(Box::new(BoucWen {
                     size: Size::new(values),
@@ -92,10 +99,13 @@ pub static KIND: EffectKind = EffectKind {
                     .physical_max(),
                 BASE_SHARE,
             ],
+            equation: "F = Eq 1 − force_n · (base_share + (1 − base_share) · P/300 kPa) · z; \
+                       dz/dε = (1 − z)/reach while ε rises, (1 + z/asymmetry)/reach while it \
+                       falls",
             source: "Duhem of first order (Dahl where the asymmetry is 1): the force approaches \
                      its bound exponentially with the distance moved; bound and distance are \
-                     larger by the asymmetry while the muscle extends. Leaves out closed minor \
-                     loops.",
+                     larger by the asymmetry while the muscle extends.",
+            leaves_out: "closed minor loops",
             build: |values| {
                 Term::Muscle(Box::new(Duhem {
                     size: Size::new(values),

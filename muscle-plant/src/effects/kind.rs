@@ -90,8 +90,12 @@ pub struct Form {
     pub name: &'static str,
     /// Its parameters, all required.
     pub parameters: &'static [Parameter],
-    /// Where it comes from, and what it leaves out.
+    /// Its equation, with each parameter by its key.
+    pub equation: &'static str,
+    /// Where it comes from, and what its parameters mean.
     pub source: &'static str,
+    /// What a rig does and this form leaves out.
+    pub leaves_out: &'static str,
     /// Makes the term from the values of `parameters`, in their order.
     pub build: fn(&[f64]) -> Term,
     /// Makes, from the same values, what a diagnosis needs beside the term; `None` where it needs

@@ -31,7 +31,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "linear",
             parameters: &[CONDUCTANCE],
-            source: "Laminar leak, flow proportional to the gauge pressure. Leaves out choking.",
+            equation: "G_leak = conductance_kg_per_pa_s · P",
+            source: "Laminar leak, flow proportional to the gauge pressure.",
+            leaves_out: "choking",
             build: |values| {
                 Term::Gas(Box::new(Gap {
                     conductance_kg_per_pa_s: values[0],
@@ -43,8 +45,11 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "orifice",
             parameters: &[CONDUCTANCE],
+            equation: "G_leak = conductance_kg_per_pa_s · p₁ √(1 − ((q − 0.5)/0.5)²), q = \
+                       max(p₂/p₁, 0.5), absolute pressures p₁ > p₂ of muscle and atmosphere",
             source: "A hole by ISO 6358-1, with the sonic conductance as mass flow over absolute \
-                     pressure and a critical ratio of 0.5. Leaves out temperature.",
+                     pressure and a critical ratio of 0.5.",
+            leaves_out: "temperature",
             build: |values| {
                 Term::Gas(Box::new(Hole(Orifice {
                     conductance_kg_per_pa_s: values[0],
@@ -62,9 +67,11 @@ pub static KIND: EffectKind = EffectKind {
                     .log()
                     .physical_min(),
             ],
+            equation: "G_leak = conductance_kg_per_pa_s · 300 kPa · (P/300 kPa)^power",
             source: "Flow proportional to a power of the gauge pressure, with the conductance at \
-                     300 kPa: a power of about 0.5 if turbulent, above 1 if pressure opens the gap \
-                     (a tear, a seal). Leaves out choking.",
+                     300 kPa: a power of about 0.5 if turbulent, above 1 if pressure opens the \
+                     gap (a tear, a seal).",
+            leaves_out: "choking",
             build: |values| {
                 Term::Gas(Box::new(Gap {
                     conductance_kg_per_pa_s: values[0],

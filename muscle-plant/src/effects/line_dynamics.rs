@@ -39,10 +39,13 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("lag_s", "s", (0.0, 0.5), 5e-3).neutral(0.0),
                 HOSE_VOLUME_M3,
             ],
+            equation: "g = (p − P) · V/(R_air θ · lag_s) flows into the muscle; \
+                       hose_volume_m3/(R_air θ) · dp/dt = G − g at the port, where the pressure \
+                       is read",
             source: "The volume of a hose at the port and a linear resistance behind it, given as \
-                     the lag of the muscle's pressure behind that of the port. Leaves out \
-                     turbulence, a lag that changes with volume, and the air in a volume that \
-                     fills within 1 ms.",
+                     the lag of the muscle's pressure behind that of the port.",
+            leaves_out: "turbulence, a lag that changes with volume, and the air in a volume that \
+                         fills within 1 ms",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Lag(values[0]),
@@ -69,10 +72,13 @@ pub static KIND: EffectKind = EffectKind {
                     ..HOSE_VOLUME_M3
                 },
             ],
+            equation: "g = conductance_kg_per_pa_s · (p − P) flows into the muscle; \
+                       hose_volume_m3/(R_air θ) · dp/dt = G − g at the port, where the pressure \
+                       is read",
             source: "The volume of a hose at the port and a linear resistance behind it, the same \
-                     at any pressure: a larger volume of the muscle lags more. Leaves out \
-                     turbulence, a resistance that falls with density, and the air in a volume \
-                     that fills within 1 ms.",
+                     at any pressure: a larger volume of the muscle lags more.",
+            leaves_out: "turbulence, a resistance that falls with density, and the air in a \
+                         volume that fills within 1 ms",
             build: |values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Conductance(values[0]),
@@ -85,10 +91,13 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "inertance",
             parameters: &[PERIOD_S, DAMPING_RATIO, HOSE_VOLUME_M3],
+            equation: "dp/dt = R_air θ/hose_volume_m3 · (G − g) at the port; dg/dt = ω² · \
+                       hose_volume_m3/(R_air θ) · (p − P) − 2 damping_ratio · ω · (401 kPa/P_abs) \
+                       · g, ω = 2π/period_s; g flows into the muscle",
             source: "The volume of a hose at the port, then its inertance and a laminar \
                      resistance: one lump of a line (Stecki & Davis 1986). Period and damping are \
-                     those of the hose's volume against a muscle at 300 kPa. Leaves out higher \
-                     modes and turbulence.",
+                     those of the hose's volume against a muscle at 300 kPa.",
+            leaves_out: "higher modes and turbulence",
             build: |values| {
                 Term::Line(Box::new(Inertance {
                     period_s: values[0],
@@ -101,9 +110,11 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "sensor-tube",
             parameters: &[PERIOD_S, DAMPING_RATIO],
+            equation: "The sensor reads p; d²p/dt² = ω² (P − p) − 2 damping_ratio · ω dp/dt, ω = \
+                       2π/period_s",
             source: "The sensor at the end of a tube with a small volume: a Helmholtz resonator \
-                     with negligible flow (Bergh & Tijdeman 1965, first mode). Leaves out higher \
-                     modes and turbulence.",
+                     with negligible flow (Bergh & Tijdeman 1965, first mode).",
+            leaves_out: "higher modes and turbulence",
             build: |values| Term::Line(Box::new(laminar_tube(values))),
             observation: Some(|values| Box::new(laminar_tube(values))),
         },
@@ -114,9 +125,12 @@ pub static KIND: EffectKind = EffectKind {
                 DAMPING_RATIO,
                 Parameter::new("turbulent_damping_per_pa", "1/Pa", (0.0, 1e-3), 4e-6),
             ],
+            equation: "The sensor reads p; d²p/dt² = ω² (P − p) − 2 ζ ω dp/dt, ω = 2π/period_s, ζ \
+                       = damping_ratio + turbulent_damping_per_pa · |dp/dt|/ω",
             source: "The same with losses at the ends of the tube, proportional to the square of \
-                     the speed (Ingard & Ising 1967): the damping ratio grows with the rate of the \
-                     sensor's pressure over the angular frequency. Leaves out higher modes.",
+                     the speed (Ingard & Ising 1967): the damping ratio grows with the rate of \
+                     the sensor's pressure over the angular frequency.",
+            leaves_out: "higher modes",
             build: |values| Term::Line(Box::new(turbulent_tube(values))),
             observation: Some(|values| Box::new(turbulent_tube(values))),
         },

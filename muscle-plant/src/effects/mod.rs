@@ -13,7 +13,7 @@ mod catalogue;
 mod compensation;
 mod kind;
 mod observation;
-mod orifice;
+pub mod orifice;
 
 pub use catalogue::Catalogue;
 pub use compensation::{AddedFriction, CompensationMethod, DeadZoneWidths};

@@ -1,4 +1,4 @@
-//! Flow through a restriction that may choke; several effects use it.
+//! Flow through a restriction that may choke; several effects and data sheets of valves use it.
 
 use model_core::pressure::AbsolutePa;
 
@@ -8,7 +8,7 @@ const LAMINAR_RATIO: f64 = 0.999;
 
 /// A flow-rate characteristic of ISO 6358-1:2013 at reference temperature.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Orifice {
+pub struct Orifice {
     /// Mass flow over upstream pressure when choked, C ρ₀ of the standard \[kg/(s·Pa)\].
     pub conductance_kg_per_pa_s: f64,
     /// Critical ratio of pressures b \[-\], below which the flow chokes.

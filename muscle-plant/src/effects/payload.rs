@@ -22,7 +22,9 @@ pub static KIND: EffectKind = EffectKind {
     forms: &[Form {
         name: "mass",
         parameters: &[Parameter::new("mass_kg", "kg", (-1e3, 1e3), 1.0).neutral(0.0)],
-        source: "Eq 5 with another mass. Leaves out a payload that swings.",
+        equation: "Eq 5 with M = load.mass_kg + mass_kg",
+        source: "Eq 5 with another mass.",
+        leaves_out: "a payload that swings",
         build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
         observation: None,
     }],

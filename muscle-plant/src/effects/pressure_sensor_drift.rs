@@ -23,8 +23,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "linear",
             parameters: &[DRIFT_PA_PER_S],
-            source: "An offset proportional to the record's time, 0 at time 0. Leaves out a drift \
-                     that ends.",
+            equation: "Reading = P + drift_pa_per_s · t",
+            source: "An offset proportional to the record's time, 0 at time 0.",
+            leaves_out: "a drift that ends",
             build: |values| drift(values[0], 0.0, f64::INFINITY),
             observation: None,
         },
@@ -34,8 +35,10 @@ pub static KIND: EffectKind = EffectKind {
                 DRIFT_PA_PER_S,
                 Parameter::new("growth_pa_per_s2", "Pa/s²", (-1e3, 1e3), 5.0).neutral(0.0),
             ],
+            equation: "Reading = P + drift_pa_per_s · t + growth_pa_per_s2 · t²/2",
             source: "An offset, 0 at the record's time 0, with a given rate there that grows \
-                     linearly: the next term of a slow drift. Leaves out a drift that ends.",
+                     linearly: the next term of a slow drift.",
+            leaves_out: "a drift that ends",
             build: |values| drift(values[0], values[1], f64::INFINITY),
             observation: None,
         },
@@ -48,8 +51,10 @@ pub static KIND: EffectKind = EffectKind {
                     .log()
                     .physical_min(),
             ],
+            equation: "Reading = P + drift_pa · (1 − exp(−t/time_constant_s))",
             source: "An offset that approaches its size exponentially from 0 at the record's time \
-                     0. Leaves out a temperature that depends on the use.",
+                     0.",
+            leaves_out: "a temperature that depends on the use",
             build: |values| drift(values[0] / values[1], 0.0, values[1]),
             observation: None,
         },

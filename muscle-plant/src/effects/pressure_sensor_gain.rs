@@ -23,7 +23,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "proportional",
             parameters: &[GAIN_ERROR],
-            source: "Reading = truth · (1 + error). Leaves out a nonlinear characteristic.",
+            equation: "Reading = P · (1 + gain_error)",
+            source: "Reading = truth · (1 + error).",
+            leaves_out: "a nonlinear characteristic",
             build: |values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],
@@ -38,8 +40,10 @@ pub static KIND: EffectKind = EffectKind {
                 GAIN_ERROR,
                 Parameter::new("nonlinearity", "1", (-0.1, 0.1), 0.005).neutral(0.0),
             ],
+            equation: "Reading = P · (1 + gain_error + nonlinearity · P/300 kPa)",
             source: "Reading = truth · (1 + error + nonlinearity · truth / 300 kPa), as data \
-                     sheets of pressure sensors state both. Leaves out hysteresis of the sensor.",
+                     sheets of pressure sensors state both.",
+            leaves_out: "hysteresis of the sensor",
             build: |values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],

@@ -21,8 +21,9 @@ pub static KIND: EffectKind = EffectKind {
     forms: &[Form {
         name: "constant",
         parameters: &[Parameter::new("offset_pa", "Pa", (-1e5, 1e5), 5e3).neutral(0.0)],
-        source: "Reading = truth + offset. Leaves out gain and drift, which are effects of their \
-                 own.",
+        equation: "Reading = P + offset_pa",
+        source: "Reading = truth + offset.",
+        leaves_out: "gain and drift, which are effects of their own",
         build: |values| {
             Term::Sensor(Box::new(PressureSensorOffset {
                 offset_pa: values[0],

@@ -32,17 +32,20 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "exponential",
             parameters: &[SHARE, DISTANCE],
+            equation: "F = Eq 1 · (1 + share · exp(−s/distance)), s = ∫ |dε|",
             source: "A share of the force that decays exponentially with the distance moved, in \
-                     units of contraction: stress softening of rubber (Mullins 1969). Leaves out \
-                     recovery during a rest, and motion within 0.001.",
+                     units of contraction: stress softening of rubber (Mullins 1969).",
+            leaves_out: "recovery during a rest, and motion within 0.001",
             build: |values| Term::Muscle(Box::new(exponential(values))),
             observation: Some(|values| Box::new(exponential(values))),
         },
         Form {
             name: "hyperbolic",
             parameters: &[SHARE, DISTANCE],
+            equation: "F = Eq 1 · (1 + share/(1 + s/distance)), s = ∫ |dε|",
             source: "A share of the force that falls as 1/(1 + moved/distance): fast at first, \
-                     then slowly. Leaves out recovery during a rest.",
+                     then slowly.",
+            leaves_out: "recovery during a rest",
             build: |values| Term::Muscle(Box::new(hyperbolic(values))),
             observation: Some(|values| Box::new(hyperbolic(values))),
         },
@@ -54,9 +57,11 @@ pub static KIND: EffectKind = EffectKind {
                     .log()
                     .physical_max(),
             ],
+            equation: "F = Eq 1 · (1 + share · exp(−n/cycles)), n the cycles since the record \
+                       began",
             source: "A share of the force that decays exponentially with the number of cycles; a \
-                     stroke counts as half a cycle as soon as it exceeds 0.02 in contraction. \
-                     Leaves out recovery during a rest.",
+                     stroke counts as half a cycle as soon as it exceeds 0.02 in contraction.",
+            leaves_out: "recovery during a rest",
             build: |values| Term::Muscle(Box::new(cyclic(values))),
             observation: Some(|values| Box::new(cyclic(values))),
         },

@@ -26,24 +26,28 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "sharp",
             parameters: &[],
-            source: "No force where Eq 1 with all other effects is below zero. Leaves out the \
-                     stiffness of a folded muscle.",
+            equation: "F = max(F′, 0), F′ the force of Eq 1 with all other effects",
+            source: "No force where Eq 1 with all other effects is below zero.",
+            leaves_out: "the stiffness of a folded muscle",
             build: |_| slack(0.0, 0.0),
             observation: None,
         },
         Form {
             name: "rounded",
             parameters: &[Parameter::new("rounding_n", "N", (0.0, 1e3), 10.0)],
-            source: "A hyperbola about the corner: where Eq 1 is zero, half the rounding is left. \
-                     Leaves out a force that is exactly zero.",
+            equation: "F = (F′ + √(F′² + rounding_n²))/2, F′ the force of Eq 1 with all other \
+                       effects",
+            source: "A hyperbola about the corner: where Eq 1 is zero, half the rounding is left.",
+            leaves_out: "a force that is exactly zero",
             build: |values| slack(values[0], 0.0),
             observation: None,
         },
         Form {
             name: "folded",
             parameters: &[Parameter::new("push_share", "1", (0.0, 1.0), 0.1)],
-            source: "Below zero a share of Eq 1 remains, as a folded hose still resists bending. \
-                     Leaves out that a fold forms suddenly (Euler buckling).",
+            equation: "F = max(F′, push_share · F′), F′ the force of Eq 1 with all other effects",
+            source: "Below zero a share of Eq 1 remains, as a folded hose still resists bending.",
+            leaves_out: "that a fold forms suddenly (Euler buckling)",
             build: |values| slack(0.0, values[0]),
             observation: None,
         },

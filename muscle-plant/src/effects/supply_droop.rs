@@ -37,9 +37,11 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "linear",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), RECOVERY_TIME_S],
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · G − \
+                       d/recovery_time_s",
             source: "Isothermal reservoir with a linear restriction towards the nominal supply; \
-                     air that flows back from the muscle returns to it. Leaves out the dynamics of \
-                     a regulator.",
+                     air that flows back from the muscle returns to it.",
+            leaves_out: "the dynamics of a regulator",
             build: |values| linear(values, false),
             observation: None,
         },
@@ -47,24 +49,34 @@ pub static KIND: EffectKind = EffectKind {
             name: "checked",
             // No neutral value: the check valve acts with any volume.
             parameters: &[RESERVOIR_VOLUME_M3, RECOVERY_TIME_S],
-            source: "The same behind a check valve, which keeps air from flowing back. Leaves out \
-                     the dynamics of a regulator.",
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · max(G, 0) − \
+                       d/recovery_time_s; no flow back into it",
+            source: "The same behind a check valve, which keeps air from flowing back.",
+            leaves_out: "the dynamics of a regulator",
             build: |values| linear(values, true),
             observation: None,
         },
         Form {
             name: "orifice",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), REFILL],
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · (G − g), g = \
+                       conductance_kg_per_pa_s · p₁ √(1 − ((q − 0.5)/0.5)²), q = max(p₂/p₁, 0.5), \
+                       absolute pressures p₁ of the nominal supply and p₂ of the reservoir",
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
-                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator. Leaves out \
-                     the dynamics of a regulator.",
+                     ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator.",
+            leaves_out: "the dynamics of a regulator",
             build: |values| orifice(values, false),
             observation: None,
         },
         Form {
             name: "checked-orifice",
             parameters: &[RESERVOIR_VOLUME_M3, REFILL],
-            source: "The same behind a check valve. Leaves out the dynamics of a regulator.",
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · (max(G, 0) − g), g = \
+                       conductance_kg_per_pa_s · p₁ √(1 − ((q − 0.5)/0.5)²), q = max(p₂/p₁, 0.5), \
+                       absolute pressures p₁ of the nominal supply and p₂ of the reservoir; no \
+                       flow back into it",
+            source: "The same behind a check valve.",
+            leaves_out: "the dynamics of a regulator",
             build: |values| orifice(values, true),
             observation: None,
         },

@@ -280,3 +280,21 @@ fn assert_propagates(term: &dyn MuscleTerm, direction: f64, what: &str) {
     let difference = largest_difference(&propagated, &integrated);
     assert!(difference < 1e-5, "{what}: {difference}");
 }
+
+#[test]
+fn every_equation_names_all_keys_of_its_form() {
+    for (kind, form) in every_form() {
+        let name = (kind.name, form.name);
+        let mut words = form
+            .equation
+            .split(|character: char| !(character.is_ascii_alphanumeric() || character == '_'));
+        for parameter in form.parameters {
+            let found = words.clone().any(|word| word == parameter.name);
+            assert!(found, "{name:?}: {}", parameter.name);
+        }
+        assert!(words.any(|word| !word.is_empty()), "{name:?}");
+        assert!(!form.source.contains("Leaves out"), "{name:?}");
+        let ends_as_a_phrase = !form.leaves_out.is_empty() && !form.leaves_out.ends_with('.');
+        assert!(ends_as_a_phrase, "{name:?}");
+    }
+}

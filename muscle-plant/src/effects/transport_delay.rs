@@ -24,7 +24,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "pure",
             parameters: &[DELAY_S],
-            source: "Pure delay of the command. Leaves out the rounding of a long hose.",
+            equation: "Eq 9 with P_r(t − delay_s)",
+            source: "Pure delay of the command.",
+            leaves_out: "the rounding of a long hose",
             build: |values| delay(values[0], 0.0),
             observation: None,
         },
@@ -34,9 +36,11 @@ pub static KIND: EffectKind = EffectKind {
                 DELAY_S,
                 Parameter::new("dispersion", "1", (0.0, 0.5), 0.2).physical_max(),
             ],
+            equation: "Eq 9 with R in place of P_r; R = P_r · exp(−(delay_s − 2T) s)/(1 + T s)², \
+                       T = dispersion · delay_s/√2",
             source: "A delay with a standard deviation of this share of it: a shorter delay and \
-                     two equal lags (tanks in series, Levenspiel 1999), none below 2.5 ms. Leaves \
-                     out the sampling of a bus.",
+                     two equal lags (tanks in series, Levenspiel 1999), none below 2.5 ms.",
+            leaves_out: "the sampling of a bus",
             build: |values| delay(values[0], values[1]),
             observation: None,
         },

@@ -28,8 +28,10 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "sharp",
             parameters: &[HALF_WIDTH_PA],
-            source: "A spool with the same overlap on both sides. Leaves out leakage past the \
-                     overlap.",
+            equation: "Eq 9 with the error e in place of P_r − P; e = [P_r − P − half_width_pa] − \
+                       [P − P_r − half_width_pa], [x] = max(x, 0)",
+            source: "A spool with the same overlap on both sides.",
+            leaves_out: "leakage past the overlap",
             build: |values| dead_zone(values[0], values[0], 0.0),
             observation: None,
         },
@@ -39,8 +41,11 @@ pub static KIND: EffectKind = EffectKind {
                 HALF_WIDTH_PA,
                 Parameter::new("rounding_pa", "Pa", (0.0, 2e5), 3e3),
             ],
+            equation: "Eq 9 with the error e in place of P_r − P; e = [P_r − P − half_width_pa] − \
+                       [P − P_r − half_width_pa], [x] = (x + √(x² + rounding_pa²))/2",
             source: "Hyperbolas about the corners of the sharp dead zone: leakage past the \
-                     overlap. Leaves out a gain that differs near the edge.",
+                     overlap.",
+            leaves_out: "a gain that differs near the edge",
             build: |values| dead_zone(values[0], values[0], values[1]),
             observation: None,
         },
@@ -50,8 +55,10 @@ pub static KIND: EffectKind = EffectKind {
                 Parameter::new("filling_pa", "Pa", (0.0, 2e5), 8e3).neutral(0.0),
                 Parameter::new("exhausting_pa", "Pa", (0.0, 2e5), 8e3).neutral(0.0),
             ],
-            source: "A spool with different overlaps at its supply port and its exhaust port. \
-                     Leaves out leakage past the overlap.",
+            equation: "Eq 9 with the error e in place of P_r − P; e = [P_r − P − filling_pa] − [P \
+                       − P_r − exhausting_pa], [x] = max(x, 0)",
+            source: "A spool with different overlaps at its supply port and its exhaust port.",
+            leaves_out: "leakage past the overlap",
             build: |values| dead_zone(values[0], values[1], 0.0),
             observation: None,
         },

@@ -27,8 +27,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "first-order",
             parameters: &[TIME_CONSTANT_S],
-            source: "First-order lag of the reference; none below 0.02 ms. Leaves out a \
-                     second-order spool.",
+            equation: "Eq 9 with R in place of P_r; time_constant_s · dR/dt = P_r − R",
+            source: "First-order lag of the reference; none below 0.02 ms.",
+            leaves_out: "a second-order spool",
             build: |values| {
                 Term::Valve(Box::new(FirstOrder {
                     time_constant_s: values[0],
@@ -42,8 +43,11 @@ pub static KIND: EffectKind = EffectKind {
                 TIME_CONSTANT_S,
                 Parameter::new("damping_ratio", "1", (0.1, 5.0), 0.7).log(),
             ],
+            equation: "Eq 9 with R in place of P_r; T² d²R/dt² + 2 damping_ratio · T dR/dt + R = \
+                       P_r, T = time_constant_s",
             source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): the spool's mass on \
-                     its spring; none below 0.02 ms. Leaves out limits of travel and speed.",
+                     its spring; none below 0.02 ms.",
+            leaves_out: "limits of travel and speed",
             build: |values| {
                 Term::Valve(Box::new(SecondOrder {
                     time_constant_s: values[0],

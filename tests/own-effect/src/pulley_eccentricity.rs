@@ -33,8 +33,10 @@ pub static KIND: EffectKind = EffectKind {
                 .log()
                 .physical_max(),
         ],
-        source: "Reading = truth · (1 + cosine · cos φ + sine · sin φ) with φ = 2π · contraction / \
-                 turn. Leaves out higher harmonics.",
+        equation: "Reading = F · (1 + cosine · cos φ + sine · sin φ), φ = 2π ε/turn",
+        source: "Reading = truth · (1 + cosine · cos φ + sine · sin φ) with φ = 2π · contraction \
+                 / turn.",
+        leaves_out: "higher harmonics",
         build: |values| {
             Term::Sensor(Box::new(PulleyEccentricity {
                 cosine: values[0],

@@ -71,6 +71,11 @@ pub(crate) struct Pair {
     tolerances: Vec<Tolerance>,
 }
 
+/// The paper's lever and gain. No simulated record depends on it; `compensate` and the settings of a
+/// board do.
+const ASSIST: &str = "\n[assist]\ngain = 20.0\ninput_stiffness_n_per_m = 200.0\n\
+                      lever_length_m = 0.3\npulley_diameter_m = 0.1\n";
+
 /// Rounded to `digits` significant digits, so that the text of `rig.toml` is the exact value.
 pub(crate) fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.*e}", digits - 1)
@@ -222,6 +227,7 @@ impl Rig {
             "heat_transfer_discharging_w_per_m2_k",
             self.heat_transfer_discharging_w_per_m2_k,
         );
+        text += ASSIST;
         text
     }
 }
