@@ -198,6 +198,38 @@ fn a_record_cannot_be_fitted_and_validated() {
     refused(&result, &bench.out(), &["a.csv", "expected", says]);
 }
 
+/// Refused with the command that prints the lines to paste, after which it is taken; or taken as
+/// exact, which the diagnosis then says.
+#[test]
+fn a_rig_without_tolerances_is_refused_or_taken_as_exact() {
+    let bench = Bench::new();
+    let (values, _) = HEALTHY.rig_toml.split_once("[tolerance").expect("some");
+    bench.write("rig.toml", values);
+    let result = bench.run("b.csv", &few());
+    refused(
+        &result,
+        &bench.out(),
+        &["`hil-sim rig tolerances rig.toml`", "--exact"],
+    );
+    let exact = [&few()[..], &["--exact"]].concat();
+    let (status, message) = bench.run("b.csv", &exact);
+    assert_eq!(status, Some(0), "{message}");
+    let warnings = bench.diagnosis()["warnings"].to_string();
+    assert!(
+        warnings.contains("rests on its values being exact"),
+        "{warnings}"
+    );
+    let printed = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(bench.folder.path())
+        .args(["rig", "tolerances", "rig.toml"])
+        .output()
+        .expect("the program runs");
+    let tables = String::from_utf8(printed.stdout).expect("text");
+    bench.write("rig.toml", &format!("{values}{tables}"));
+    let (status, message) = bench.run("b.csv", &few());
+    assert_eq!(status, Some(0), "{message}");
+}
+
 #[test]
 fn an_unknown_effect_cannot_be_removed() {
     let bench = Bench::new();

@@ -152,8 +152,8 @@ const RIGS: [(&str, &str, &str); 33] = [
         "`gas.ambient_temperature_k`",
     ),
     (
-        "# [tolerance.muscle]",
-        "[tolerance.muscles]\n",
+        "# Effects beyond",
+        "[tolerance.muscles]\n# Effects",
         "key `tolerance.muscles`: expected one of",
     ),
     (

@@ -11,7 +11,7 @@ use hil_sim::record::Record;
 use hil_sim::rig::Rig;
 use model_discrepancy::verdict::Step;
 use muscle_plant::effects::Catalogue;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// Find where simulation and measurement disagree, and which effect the simulation lacks
@@ -35,6 +35,9 @@ pub struct Args {
     /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Take a rig without tolerances: every nominal value is exact
+    #[arg(long)]
+    exact: bool,
     /// Remove an effect from the catalogue; may be given more than once
     #[arg(long, value_name = "NAME", value_parser = effect)]
     without: Vec<String>,
@@ -67,6 +70,16 @@ fn read(paths: &[PathBuf]) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
     read.collect()
 }
 
+/// What is expected of a rig without tolerances.
+fn untold(path: &Path) -> String {
+    let path = path.display();
+    format!(
+        "[tolerance.*] tables, which say how well its values are known (`hil-sim rig tolerances \
+         {path}` prints those of uncalibrated values, to paste at its end), or --exact if all are \
+         exact"
+    )
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let text = Rig::read_text(&args.rig)?;
@@ -79,6 +92,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             return Err(BadInput::file(file, "a record that is not fitted too").into());
         }
     }
+    if rig.tolerances.is_empty() && !args.exact {
+        return Err(rig.bad_file(&untold(&args.rig)).into());
+    }
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads);
@@ -86,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let pool = pool
         .build()
         .map_err(|error| BadInput::file("--threads", error.to_string()))?;
-    let diagnosed = {
+    let mut diagnosed = {
         let progress = Progress::new("diagnosing", 1);
         let stage = Mutex::new("");
         let watch = |step| match step {
@@ -102,6 +118,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         };
         pool.install(|| diagnose(&rig, &fit, &validate, &args.without, &watch))?
     };
+    if rig.tolerances.is_empty() {
+        let words = "the rig has no tolerances: the verdict rests on its values being exact";
+        diagnosed.diagnosis.warnings.push(words.into());
+    }
     let rewritten = diagnosed.fitted.rewritten(&text);
     let rewritten = with_provenance(
         &rewritten.map_err(|error| rig.bad_file(&error.to_string()))?,

@@ -7,7 +7,7 @@ use hil_sim::datasheet::valve::ValveSheet;
 use hil_sim::datasheet::volume::{self, Braid};
 use hil_sim::error::BadInput;
 use hil_sim::output::{same_file, write_atomically};
-use hil_sim::rig::Rig;
+use hil_sim::rig::{Rig, default_tolerances};
 use std::path::{Path, PathBuf};
 
 /// Create and check rig files
@@ -25,6 +25,12 @@ pub struct Args {
 enum Command {
     /// Write the paper's rig with comments, as a template, or a rig from data sheets
     New(New),
+    /// Print tables of the tolerances that uncalibrated values have, for a rig that has none
+    #[command(after_help = "Example:\n  hil-sim rig tolerances my-rig.toml >> my-rig.toml")]
+    Tolerances {
+        /// The file to read
+        path: PathBuf,
+    },
     /// Check a rig file and report its errors
     #[command(after_help = "Example:\n  hil-sim rig check my-rig.toml")]
     Check {
@@ -160,11 +166,12 @@ fn check_outputs(args: &New) -> Result<(), BadInput> {
 fn new(args: &New) -> Result<(), Failure> {
     check_outputs(args)?;
     let sheets = data_sheets(args)?;
+    let template = Rig::template();
     let from_data_sheets = sheets.muscle.is_some() || sheets.valve.is_some();
     if !from_data_sheets && args.report.is_none() && !args.json {
-        write_atomically(&args.path, Rig::REFERENCE_TOML.as_bytes())?;
+        write_atomically(&args.path, template.as_bytes())?;
     } else {
-        let (text, mut report, summary) = sheets.rig(Rig::REFERENCE_TOML)?;
+        let (text, mut report, summary) = sheets.rig(&template)?;
         if let Some(path) = &args.report {
             report.repeat = vec![this_command()];
             write_atomically(path, report.to_html().as_bytes())?;
@@ -191,6 +198,14 @@ struct Checked<'a> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
+        Command::Tolerances { path } => {
+            let rig = Rig::read(path)?;
+            if !rig.tolerances.is_empty() {
+                let expected = "a rig without [tolerance.*] tables, which it has";
+                return Err(rig.bad_file(expected).into());
+            }
+            super::print(&format!("\n{}", default_tolerances(&rig)))?;
+        }
         Command::Check { path, json } => {
             let rig = Rig::read(path)?;
             if *json {

@@ -119,6 +119,18 @@ fn can_show(kind: &EffectKind, force_measured: bool, contraction_moves: bool) ->
     })
 }
 
+/// Records made ready, with the pressure between their rows.
+fn prepared<'a>(
+    rig: &Rig,
+    records: impl Iterator<Item = &'a Record>,
+    repeatability_n: Option<f64>,
+) -> Result<Vec<Prepared>, BadInput> {
+    let mut prepared = Prepared::all(rig, records, repeatability_n)?;
+    let of = |record: &mut Prepared| record.between_pa = between_pa(record, rig);
+    prepared.par_iter_mut().for_each(of);
+    Ok(prepared)
+}
+
 impl MuscleModel {
     /// The model of `rig` with the records that are fitted; effects named in `without` are left
     /// out.
@@ -135,10 +147,7 @@ impl MuscleModel {
         let has = |name: &str| records().all(|record| record.column(name).is_some());
         let bench = rig.nominal.load == Load::Prescribed && has(FORCE_N);
         let repeatability_n = force_repeatability_n(records().filter(|_| bench));
-        let mut prepared = Prepared::all(rig, records(), repeatability_n)?;
-        prepared
-            .par_iter_mut()
-            .for_each(|record| record.between_pa = between_pa(record, rig));
+        let prepared = prepared(rig, records(), repeatability_n)?;
         let moves = prepared.iter().any(|record| record.contraction_moves);
         let mut blocks = Vec::new();
         if has(PRESSURE_REF_PA) && rig.nominal.valve.is_some() {

@@ -66,6 +66,8 @@ pub fn set_numbers<'a>(
         if tolerances.get(section).is_none() {
             tolerances[section] = toml_edit::table();
         }
+        // The reason behind it is that of another number.
+        remove(Some(&mut tolerances[section]), key);
         set_number(&mut tolerances[section][key], relative_sigma);
     }
     for key in without {

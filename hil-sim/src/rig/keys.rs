@@ -121,6 +121,30 @@ pub const KEYS: &[Key] = keys! {
         => |rig| Some(&mut rig.assist.as_mut()?.pulley_diameter_m);
 };
 
+/// Tables of the tolerances that the values of `rig` have if they were not calibrated, each with
+/// its reason.
+pub fn default_tolerances(rig: &Rig) -> String {
+    let mut rig = rig.clone();
+    let mut text = String::from(
+        "# How well the values are known that were not calibrated on this rig: relative standard\n\
+         # deviations. A value not listed is exact.\n",
+    );
+    let mut section = "";
+    for key in KEYS.iter().filter(|key| (key.value)(&mut rig).is_some()) {
+        let Some(tolerance) = key.tolerance else {
+            continue;
+        };
+        if key.section != section {
+            let between = if section.is_empty() { "" } else { "\n" };
+            section = key.section;
+            text += &format!("{between}[tolerance.{section}]\n");
+        }
+        let line = format!("{} = {}", key.name, tolerance.relative_sigma);
+        text += &format!("{line:<31} # {}\n", tolerance.source);
+    }
+    text
+}
+
 fn volume(rig: &mut Rig) -> Option<&mut Volume<f64>> {
     rig.nominal.volume.as_mut()
 }
@@ -159,6 +183,18 @@ pub(super) fn sections(wanted: fn(&Key) -> bool) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What `hil-sim rig new` writes has a tolerance for each value that may have one.
+    #[test]
+    fn the_template_lists_all_default_tolerances() {
+        let rig = Rig::parse("rig.toml", &Rig::template()).expect("a rig");
+        let listed = rig.tolerances.iter();
+        let listed = listed.map(|own| (&own.section[..], &own.key[..], own.relative_sigma));
+        let all = KEYS
+            .iter()
+            .filter_map(|key| Some((key.section, key.name, key.tolerance?.relative_sigma)));
+        assert!(listed.eq(all));
+    }
 
     #[test]
     fn default_tolerances_are_ratios_with_a_source() {

@@ -5,7 +5,7 @@ mod keys;
 mod read;
 
 pub use edit::{effect_toml, set_numbers};
-pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG};
+pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances};
 
 use crate::error::BadInput;
 use model_core::assist::Assist;
@@ -48,8 +48,16 @@ pub struct Rig {
 const VOLUME_CONTRACTIONS: [f64; 4] = [0.0, 0.1, 0.2, 0.3];
 
 impl Rig {
-    /// The paper's rig, commented: what `hil-sim rig new` writes.
+    /// The paper's rig, commented, each value exact.
     pub const REFERENCE_TOML: &'static str = include_str!("reference_rig.toml");
+
+    /// The paper's rig, commented, with the tolerances of uncalibrated values: what `hil-sim rig
+    /// new` writes.
+    pub fn template() -> String {
+        let effects = "# Effects beyond";
+        let tolerances = default_tolerances(&Rig::reference());
+        Rig::REFERENCE_TOML.replacen(effects, &format!("{tolerances}\n{effects}"), 1)
+    }
 
     /// The paper's rig.
     ///
