@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "\
 Examples:
   hil-sim completions bash > ~/.local/share/bash-completion/completions/hil-sim
-  hil-sim completions --dir share      share/hil-sim.bash, …, share/hil-sim.1, share/hil-sim-run.1, …")]
+  hil-sim completions --dir share      share/hil-sim.bash, …, share/hil-sim.1, …")]
 pub struct Args {
     /// The shell
     #[arg(required_unless_present = "dir", conflicts_with = "dir")]

@@ -237,9 +237,10 @@ fn write_effects(page: &mut String, kinds: &[KindSummary]) -> std::fmt::Result {
 const PAGE_HEAD: &str = "\
 # Effects that a rig may have
 
-Printed by `hil-sim effects --markdown` from what each effect declares in `muscle-plant/src/effects`; a
-test keeps them the same. `hil-sim effects NAME --report signature.html` plots the signature on the
-paper's rig. The first form of an effect is the default. Equations 1 to 9: [theory](theory.md).
+Printed by `hil-sim effects --markdown` from what each effect declares in
+`muscle-plant/src/effects`; a test keeps them the same. `hil-sim effects NAME --report
+signature.html` plots the signature on the paper's rig. The first form of an effect is the default.
+Equations 1 to 9: [theory](theory.md).
 
 Symbols: P pressure (gauge), P_r its reference, P_s the supply, ε contraction, F force, G mass flow
 towards the muscle, V volume, θ temperature, t time, v speed of the load, L initial length, K_G flow

@@ -84,8 +84,8 @@ impl DataSheets {
         let start = text.find("schema = ").unwrap_or(0);
         let still_from_template = self.still_from_template();
         let mut head = format!(
-            "# A rig from data sheets, by hil-sim {}. SI units; pressures are gauge unless the name\n\
-             # says absolute or atmospheric.\n",
+            "# A rig from data sheets, by hil-sim {}. SI units; pressures are gauge unless the\n\
+             # name says absolute or atmospheric.\n",
             env!("CARGO_PKG_VERSION")
         );
         for sentence in self.sentences() {
@@ -244,9 +244,9 @@ impl DataSheets {
             if let Some(braid) = &self.braid {
                 let [alpha_m2, beta_m2] = ideal_m2(braid.diameter_m, braid.angle_rad);
                 text.push(format!(
-                    "The braid alone, without rubber, would have alpha = {alpha_m2:.3e} m² and beta \
-                     = {beta_m2:.3e} m². If the fit differs by a multiple, a unit or an angle is \
-                     wrong."
+                    "The braid alone, without rubber, would have alpha = {alpha_m2:.3e} m² and \
+                     beta = {beta_m2:.3e} m². If the fit differs by a multiple, a unit or an angle \
+                     is wrong."
                 ));
             }
         }

@@ -138,8 +138,8 @@ impl Catalogue {
     /// The numbers as words.
     pub fn words(&self) -> String {
         format!(
-            "{:.0} l/min (ANR) from 6 to 5 bar, C = {:.2} dm³/(s·bar) with b = {}, Kv = {:.2} m³/h, \
-             Cv = {:.2} US gal/min",
+            "{:.0} l/min (ANR) from 6 to 5 bar, C = {:.2} dm³/(s·bar) with b = {}, \
+             Kv = {:.2} m³/h, Cv = {:.2} US gal/min",
             self.nominal_flow_l_per_min,
             self.conductance_dm3_per_s_bar,
             self.critical_ratio,

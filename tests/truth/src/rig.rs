@@ -71,8 +71,8 @@ pub(crate) struct Pair {
     tolerances: Vec<Tolerance>,
 }
 
-/// The paper's lever and gain. No simulated record depends on it; `compensate` and the settings of a
-/// board do.
+/// The paper's lever and gain. No simulated record depends on it; `compensate` and the settings of
+/// a board do.
 const ASSIST: &str = "\n[assist]\ngain = 20.0\ninput_stiffness_n_per_m = 200.0\n\
                       lever_length_m = 0.3\npulley_diameter_m = 0.1\n";
 

@@ -1,9 +1,9 @@
 //! The pressure between the rows of a record.
 //!
-//! A reference that is written at each row makes the pressure rise and settle between rows. Readings
-//! at the rows alone all see the same part of that: taken to be straight in between, the pressure
-//! is late by up to half an interval, which looks like a damping of the load. The simulated valve
-//! tells how it went.
+//! A reference that is written at each row makes the pressure rise and settle between rows.
+//! Readings at the rows alone all see the same part of that: taken to be straight in between, the
+//! pressure is late by up to half an interval, which looks like a damping of the load. The
+//! simulated valve tells how it went.
 
 use super::prepared::Prepared;
 use super::residuals::pressures_pa;
@@ -12,7 +12,7 @@ use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA
 use crate::rig::Rig;
 use muscle_plant::nominal::Load;
 
-/// Half a part of an interval is at most so long \[s\]: below the time constant of valve and muscle.
+/// Half a part of an interval is at most so long \[s\]: less than valve and muscle take.
 const HALF_PART_S: f64 = 0.005;
 /// An interval of more parts is a gap.
 const PARTS_MAX: usize = 20;
@@ -138,8 +138,8 @@ mod tests {
     use crate::identify::simulate::simulate;
     use muscle_plant::simulation::TOLERANCE;
 
-    /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of a
-    /// simulation with fifty times as many.
+    /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of
+    /// a simulation with fifty times as many.
     #[test]
     fn the_pressure_between_rows_is_that_of_finer_rows() {
         const FINER: usize = 50;
