@@ -270,6 +270,10 @@ fn a_rig_of_half_the_length_causes_a_warning_and_no_explanation() {
         doubts.contains("the records may be of another rig"),
         "{doubts}"
     );
+    assert!(
+        doubts.contains("worse than the nominal one"),
+        "nothing is said of the predictions: {doubts}"
+    );
     // The report ends each of them with a full stop.
     assert!(!doubts.contains('?'), "{doubts}");
 }

@@ -77,6 +77,13 @@ pub struct GapOf {
     pub noise: f64,
 }
 
+impl GapOf {
+    /// Whether the fitted rig misses the signal by more than its noise.
+    fn remains(&self) -> bool {
+        self.after > ABOVE_NOISE * self.noise
+    }
+}
+
 /// What no effect explains.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Remaining {
@@ -162,6 +169,8 @@ const LISTED: usize = 25;
 /// A nominal value that had to move by more than this many standard deviations is not what it was
 /// said to be.
 const FAR: f64 = 4.0;
+/// A gap above this multiple of the noise is more than noise, whose estimate is less uncertain.
+const ABOVE_NOISE: f64 = 1.1;
 
 /// Keeps the time.
 struct Clock {
@@ -258,14 +267,16 @@ pub fn diagnose(
         of_left.map(|(_, block)| when(&block.profiles[1])).collect()
     };
     let calibrated = model.calibrated(&taken.fit.nominal);
-    let warnings = warnings(&model, &choice, &calibrated);
+    let gap = gaps(&model, rig, validate, &free_runs);
+    let mut warnings = warnings(&model, &choice, &calibrated);
+    warnings.extend(predictions(&gap, choice.verdict));
     clock.lap("report");
     let diagnosis = Diagnosis {
         schema: 1,
         verdict: choice.verdict,
         next_experiment: next_experiment(&model, &choice, &effects),
         effects,
-        gap: gaps(&model, rig, validate, &free_runs),
+        gap,
         remaining: Remaining {
             places: choice
                 .left
@@ -306,6 +317,34 @@ fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> 
         ));
     }
     warnings.extend(refused(model, choice));
+    warnings
+}
+
+/// Of signals that the fitted rig may predict worse than the nominal one: those that it does on
+/// the validation records, and those of which something is left without a name, as values
+/// calibrated in place of an unknown effect hold for the records that they were fitted to.
+fn predictions(gap: &BTreeMap<&'static str, GapOf>, verdict: Verdict) -> Vec<String> {
+    let remaining = gap.iter().filter(|(_, gap)| gap.remains());
+    let (worse, rest): (Vec<_>, Vec<_>) = remaining.partition(|(_, gap)| gap.after > gap.before);
+    let mut warnings: Vec<String> = worse
+        .iter()
+        .map(|(signal, gap)| {
+            format!(
+                "{signal}: the fitted rig predicts the validation records worse than the nominal \
+                 one, by {} in place of {} root mean square",
+                gap::significant(gap.after),
+                gap::significant(gap.before)
+            )
+        })
+        .collect();
+    if verdict == Verdict::Unexplained && !rest.is_empty() {
+        let signals: Vec<&str> = rest.iter().map(|(signal, _)| **signal).collect();
+        warnings.push(format!(
+            "{}: what is left has no name, so the calibrated values may predict other records \
+             worse than the nominal ones",
+            signals.join(", ")
+        ));
+    }
     warnings
 }
 
