@@ -487,7 +487,7 @@ impl<M: Model> Search<'_, '_, M> {
         let mut reduced: Vec<Vec<usize>> = Vec::new();
         loop {
             let taken = self.taken()?;
-            if taken.candidates.len() < 2 || reduced.contains(&taken.candidates) {
+            if taken.candidates.is_empty() || reduced.contains(&taken.candidates) {
                 return Some(taken);
             }
             self.reduce(&taken);
@@ -829,10 +829,10 @@ impl<M: Model> Search<'_, '_, M> {
     }
 
     /// Tries effects alone, then what leads among them together.
-    fn run(&mut self, null: &Hypothesis) -> Option<()> {
+    fn run(&mut self, mut null: Hypothesis) -> Option<()> {
         // Where a block is as good as its noise, what does not even promise to be seen is not
         // fitted.
-        let promises = self.engine.promises(null)?;
+        let promises = self.engine.promises(&null)?;
         let far = null.fit.prior > GAIN;
         let share = if far {
             SHARE_OF_PROMISE_FAR
@@ -874,6 +874,8 @@ impl<M: Model> Search<'_, '_, M> {
             if whole.is_some_and(|best| members > 1 && self.replace(best)) {
                 taken = self.taken_reduced();
             }
+            // Fitted from where effects led, it may be better than it began.
+            null = self.null()?.clone();
             let found = taken.as_ref().map_or(0, |best| best.candidates.len());
             // Three together only where two are better than one, or much is left.
             if members == MEMBERS || found < members && (members > 1 || excess(&null.fit) < GAIN) {
@@ -896,7 +898,7 @@ impl<M: Model> Search<'_, '_, M> {
                     break;
                 }
             }
-            let leaders = self.leaders(null, members);
+            let leaders = self.leaders(&null, members);
             sets = self.joined(&leaders);
             if sets.is_empty() {
                 break;
@@ -916,7 +918,8 @@ pub fn choose<M: Model>(engine: &Engine<M>, watch: Watch) -> Option<Choice> {
         tried: vec![null.clone()],
         beyond: Mutex::default(),
     };
-    search.run(&null)?;
+    search.run(null)?;
+    let null = search.null()?.clone();
     let best = search.taken().unwrap_or_else(|| null.clone());
     let above = excess(&null.fit);
     let share = if above > 0.0 {

@@ -24,8 +24,7 @@ use crate::identify::repeats::force_repeatability_n;
 use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Rig, Tolerance};
-use begin::{UNKNOWNS, begun_best};
-use between::between_pa;
+use begin::{UNKNOWNS, begun_best, without};
 use force::{Force, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use model_discrepancy::evidence::Blocks;
@@ -122,12 +121,12 @@ fn can_show(kind: &EffectKind, force_measured: bool, contraction_moves: bool) ->
 /// Records made ready, with the pressure between their rows.
 fn prepared<'a>(
     rig: &Rig,
-    records: impl Iterator<Item = &'a Record>,
+    records: impl Iterator<Item = &'a Record> + Clone,
     repeatability_n: Option<f64>,
 ) -> Result<Vec<Prepared>, BadInput> {
     let mut prepared = Prepared::all(rig, records, repeatability_n)?;
-    let of = |record: &mut Prepared| record.between_pa = between_pa(record, rig);
-    prepared.par_iter_mut().for_each(of);
+    let tell = |record: &mut Prepared| between::tell(record, rig);
+    prepared.par_iter_mut().for_each(tell);
     Ok(prepared)
 }
 
@@ -348,19 +347,15 @@ impl Model for MuscleModel {
     fn rows(&self, record: usize, block: usize) -> usize {
         let record = &self.records[record];
         match self.blocks[block] {
-            GAS => record.gas_rows.len(),
+            GAS => record.gas_rows.len() + UNKNOWNS,
             FORCE => record.force_rows.len() + UNKNOWNS,
-            _ => record.places.len() + self.unknowns(block) + record.stops.len(),
+            _ => record.places.len() + UNKNOWNS + record.stops.len(),
         }
     }
 
-    /// States at the begin, told where the muscle's force is judged.
-    fn unknowns(&self, block: usize) -> usize {
-        match self.blocks[block] {
-            FORCE => UNKNOWNS,
-            LOAD if !self.blocks.contains(&FORCE) => UNKNOWNS,
-            _ => 0,
-        }
+    /// What each record has of its own.
+    fn unknowns(&self, _block: usize) -> usize {
+        UNKNOWNS
     }
 
     /// Where the weight rests, friction takes up what it can.
@@ -407,11 +402,11 @@ impl Model for MuscleModel {
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
         let record = &self.records[record];
         let rows: Vec<usize> = match self.blocks[block] {
-            GAS => record.gas_rows.clone(),
+            GAS => [&record.gas_rows[..], &[0; UNKNOWNS]].concat(),
             FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
             _ => {
                 let places = record.places.iter().map(|place| place.kernel.middle());
-                let unknown = std::iter::repeat_n(0, self.unknowns(block));
+                let unknown = [0; UNKNOWNS];
                 let rows = places.chain(unknown);
                 rows.chain(record.stops.iter().copied()).collect()
             }
@@ -455,18 +450,22 @@ impl Model for MuscleModel {
             FORCE => {
                 let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
-                begun_best(&forces, record.fading_forces(&forces)?, |forces_n| {
+                let fading = record.fading_forces(&forces)?;
+                let zeros = record.zeros_of_force(&self.rig);
+                begun_best(&forces, &fading, zeros, |forces_n| {
                     force_residuals(record, forces_n)
                 })
             }
             _ => {
                 let balances = |forces_n: &[(f64, f64)]| balances(record, &rig, forces_n);
-                let mut residuals = if self.blocks.contains(&FORCE) {
-                    balances(&measured_n(record, &rig)?)?
+                let force_read = self.blocks.contains(&FORCE);
+                let zeros = record.zeros_of_balances(&self.rig, force_read);
+                let mut residuals = if force_read {
+                    without(balances(&measured_n(record, &rig)?)?, &zeros, None)
                 } else {
                     let ways = record.ways(&rig);
                     let forces = Forces::new(&rig, &ways, Force::True)?;
-                    begun_best(&forces, record.fading_balances(&forces)?, balances)?
+                    begun_best(&forces, &record.fading_balances(&forces)?, zeros, balances)?
                 };
                 rig.nominal.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

@@ -1,33 +1,42 @@
-//! What a muscle has behind it when a record begins.
+//! What each record has of its own: the zeros of its sensors, and what the muscle has behind it.
+//!
+//! A zero is set at rest, to the mean of some readings, before each run: it is off by up to their
+//! noise, the same in each row. In thousands of rows that shows, and is no effect of the rig.
 //!
 //! Where all records begin at rest they are taken to begin after a long one, and effects are
 //! settled then. Where one begins in motion nobody knows what states that take seconds to settle
 //! have come to, nor how much of a run-in is over. What they are off by acts on the force in
-//! proportion and fades with their own time constants, or as the run-in goes on: it is estimated
-//! from each record, the predicted ones too, and counts by how likely it is. So does the memory of
-//! a hysteresis, which no rest settles.
+//! proportion and fades with their own time constants, or as the run-in goes on. So does the memory
+//! of a hysteresis, which no rest settles.
+//!
+//! All of it is estimated from each record, the predicted ones too, and counts by how likely it is.
 
 use super::force::Forces;
 use model_discrepancy::least_squares::{Linearized, Residuals, Slopes};
 use nalgebra::{DMatrix, DVector};
 
-/// Standard deviation of what a state may be off by, in units of its drive's usual size; for a
-/// run-in, of what is left of it.
+/// Standard deviation of what a state may be off by at the begin, in units of its drive's usual
+/// size; for a run-in, of what is left of it.
 const SPREAD: f64 = 0.5;
-/// States at the begin that are unknown at most: of a creep and a run-in, and the memory of a
-/// hysteresis.
-pub(super) const UNKNOWNS: usize = 6;
+/// Unknowns of a record at most: the zeros of three sensors, states of a creep and a run-in, and
+/// the memory of a hysteresis.
+pub(super) const UNKNOWNS: usize = 9;
 
-/// Residuals, by the forces that the muscle may have, for the begin that fits best: with
-/// what a motion before may have left in effects with a memory and in those that fade, as `fading`
-/// says for each of their states.
+/// Residuals, by the forces that the muscle may have, for the begin and the zeros that fit best:
+/// with what a motion before may have left in effects with a memory and in those that fade, as
+/// `fading` says for each of their states. `zeros` says the same of each sensor's zero, off by its
+/// standard deviation.
 pub(super) fn begun_best(
     forces: &Forces,
-    mut fading: Vec<Vec<f64>>,
+    fading: &[Vec<f64>],
+    mut zeros: Vec<Vec<f64>>,
     residuals: impl Fn(&[(f64, f64)]) -> Option<Residuals>,
 ) -> Option<Residuals> {
+    let likely = |n: &Vec<f64>| n.iter().map(|n| SPREAD * n).collect::<Vec<f64>>();
+    zeros.extend(fading.iter().map(likely));
+    let mut unknown = zeros;
     if !forces.remembers() {
-        return Some(forgotten(residuals(&forces.settled_n()?)?, &fading, None));
+        return Some(without(residuals(&forces.settled_n()?)?, &unknown, None));
     }
     // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
     let ends = forces.ends()?;
@@ -40,50 +49,57 @@ pub(super) fn begun_best(
         values: half(&out.values, &drawn_in.values, 1.0),
         slack: half(&out.slack, &drawn_in.slack, 1.0),
     };
-    fading.push(half(&out.values, &drawn_in.values, -1.0));
-    let states = likeliest(&middle, &slopes(&fading));
-    fading.pop();
-    let share = states.iter().next_back()?.clamp(-1.0, 1.0);
-    let forces_n = forces.between_n(&ends, share)?;
-    Some(forgotten(residuals(&forces_n)?, &fading, Some(share)))
+    unknown.push(likely(&half(&out.values, &drawn_in.values, -1.0)));
+    let found = likeliest(&middle, &slopes(&unknown));
+    unknown.pop();
+    let most = SPREAD.recip();
+    let memory = found.iter().next_back()?.clamp(-most, most);
+    let forces_n = forces.between_n(&ends, SPREAD * memory)?;
+    Some(without(residuals(&forces_n)?, &unknown, Some(memory)))
 }
 
-/// What unknown states at the begin, which change `residuals` with these slopes, most likely are.
+/// What the `unknown` of a record, which change `residuals` with these slopes, most likely are, in
+/// their standard deviations.
 fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
-    let states = slopes.values.ncols();
+    let unknown = slopes.values.ncols();
     let linearized = Linearized {
         residuals,
         slopes,
-        priors: &vec![(0.0, SPREAD.recip()); states],
-        damping: DVector::zeros(states),
+        priors: &vec![(0.0, 1.0); unknown],
+        damping: DVector::zeros(unknown),
     };
     linearized.exact_minimum()
 }
 
-/// Slopes of residuals by states, of which there is one at least.
+/// Slopes of residuals by unknowns, of which there is one at least.
 fn slopes(unknown: &[Vec<f64>]) -> Slopes {
-    let (rows, states) = (unknown[0].len(), unknown.len());
+    let (rows, columns) = (unknown[0].len(), unknown.len());
     Slopes {
-        values: DMatrix::from_fn(rows, states, |row, state| unknown[state][row]),
-        slack: DMatrix::zeros(rows, states),
+        values: DMatrix::from_fn(rows, columns, |row, column| unknown[column][row]),
+        slack: DMatrix::zeros(rows, columns),
     }
 }
 
-/// `residuals` without what unknown states at the begin, which act as `unknown`, explain of them.
-/// What these then are follows, with the `memory` it began with, in standard deviations, as
-/// [`UNKNOWNS`] more: who needs an unlikely begin is no better for it.
-fn forgotten(mut residuals: Residuals, unknown: &[Vec<f64>], memory: Option<f64>) -> Residuals {
+/// `residuals` without what the unknowns of a record explain of them, each of which acts as
+/// `unknown` says, off by its standard deviation. What these then are follows, with the `memory` it
+/// began with, in standard deviations, as [`UNKNOWNS`] more: who needs an unlikely record is no
+/// better for it.
+pub(super) fn without(
+    mut residuals: Residuals,
+    unknown: &[Vec<f64>],
+    memory: Option<f64>,
+) -> Residuals {
     let mut deviations = vec![0.0; UNKNOWNS];
-    deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0) / SPREAD;
+    deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0);
     if !unknown.is_empty() {
         let slopes = slopes(unknown);
-        let states = likeliest(&residuals, &slopes);
-        let change = slopes.values * &states;
+        let found = likeliest(&residuals, &slopes);
+        let change = slopes.values * &found;
         for (value, change) in residuals.values.iter_mut().zip(&change) {
             *value += change;
         }
-        for (deviation, state) in deviations.iter_mut().zip(&states) {
-            *deviation += state / SPREAD;
+        for (deviation, found) in deviations.iter_mut().zip(&found) {
+            *deviation += found;
         }
     }
     residuals.extend(Residuals::exact(deviations));
@@ -179,30 +195,47 @@ mod tests {
         }
     }
 
+    /// A zero that is off by two of its standard deviations costs what that is unlikely, and no
+    /// more; a slope stays.
+    #[test]
+    fn a_zero_of_a_record_is_its_own() {
+        let rows = 2000_usize;
+        let zero = vec![vec![1.0; rows]];
+        let flat = without(Residuals::exact(vec![2.0; rows]), &zero, None);
+        let (rest, told) = flat.values.split_at(rows);
+        assert!(rest.iter().all(|value| value.abs() < 2e-3));
+        assert!((told[0] + 2.0).abs() < 2e-3, "{told:?}");
+        let slope = (0..rows).map(|row| row as f64 / rows as f64 - 0.5);
+        let slope: Vec<f64> = slope.collect();
+        let kept = without(Residuals::exact(slope.clone()), &zero, None);
+        let mut pairs = kept.values.iter().zip(&slope);
+        assert!(pairs.all(|(kept, slope)| (kept - slope).abs() < 1e-3));
+    }
+
     #[test]
     fn what_fades_is_forgotten_and_what_stays_is_not() {
         let rows = 0..400;
         let fading: Vec<f64> = rows
             .map(|row| 30.0 * (-0.02 * f64::from(row)).exp())
             .collect();
-        let fading = vec![fading];
+        let unknown = vec![fading.iter().map(|n| SPREAD * n).collect::<Vec<f64>>()];
         let of = |begun: f64, stays: f64| {
             let row =
                 |(row, fading): (usize, &f64)| begun * fading + stays * (0.3 * row as f64).sin();
-            Residuals::exact(fading[0].iter().enumerate().map(row).collect())
+            Residuals::exact(fading.iter().enumerate().map(row).collect())
         };
         let size = |residuals: &Residuals| {
             let squares = residuals.values.iter().map(|value| value * value);
             (squares.sum::<f64>() / 400.0).sqrt()
         };
         assert!(size(&of(0.4, 0.0)) > 2.0);
-        let mut forgiven = forgotten(of(0.4, 0.0), &fading, None);
+        let mut forgiven = without(of(0.4, 0.0), &unknown, None);
         // What it took is told: -0.4 of a state that is known to within 0.5.
         let told = forgiven.values.split_off(400);
         assert_eq!(told.len(), UNKNOWNS);
         assert!((told[0] + 0.8).abs() < 0.01, "{told:?}");
         assert!(size(&forgiven) < 0.01);
-        let left = size(&forgotten(of(0.4, 1.0), &fading, None));
+        let left = size(&without(of(0.4, 1.0), &unknown, None));
         assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
     }
 }

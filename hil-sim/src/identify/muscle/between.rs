@@ -3,7 +3,8 @@
 //! A reference that is written at each row makes the pressure rise and settle between rows.
 //! Readings at the rows alone all see the same part of that: taken to be straight in between, the
 //! pressure is late by up to half an interval, which looks like a damping of the load. The
-//! simulated valve tells how it went.
+//! simulated valve tells how it went, as far as it is the rig's: where it misses the next reading,
+//! it may have missed it from the begin of the interval on, or at its end only.
 
 use super::prepared::Prepared;
 use super::residuals::pressures_pa;
@@ -17,31 +18,69 @@ const HALF_PART_S: f64 = 0.005;
 /// An interval of more parts is a gap.
 const PARTS_MAX: usize = 20;
 
-/// By how much the mean pressure about each row is above that of straight lines between the rows
-/// \[Pa\]; empty without a reference.
-pub(super) fn between_pa(record: &Prepared, rig: &Rig) -> Vec<f64> {
-    record
-        .gas
-        .as_ref()
-        .and_then(|gas| bows_pa(gas, rig))
-        .map_or(Vec::new(), |bows_pa| {
-            let time_s = record.measured.time_s();
-            let length_s = |row: usize| time_s[row + 1] - time_s[row];
-            let share = |row: usize| {
-                let last = time_s.len() - 1;
-                let before = row.checked_sub(1);
-                let after = (row < last).then_some(row);
-                let both = || before.into_iter().chain(after);
-                let area: f64 = both().map(|own| bows_pa[own] * length_s(own)).sum();
-                area / both().map(length_s).sum::<f64>()
-            };
-            (0..time_s.len()).map(share).collect()
-        })
+/// So many standard deviations of a reading's noise are no miss.
+const MISS_NOISES: f64 = 3.0;
+
+/// What is known of the pressure between rows, in each interval or about each row.
+#[derive(Clone, Copy, Default)]
+struct Between {
+    /// Its mean above the straight line between the rows \[Pa\].
+    bow_pa: f64,
+    /// Standard deviation of that \[Pa\].
+    doubt_pa: f64,
 }
 
-/// The mean of the simulated pressure above the straight line through its ends, in each interval
-/// between rows.
-fn bows_pa(gas: &Record, rig: &Rig) -> Option<Vec<f64>> {
+/// Tells `record` the mean pressure about each of its rows, and how far its balances of forces can
+/// be trusted for it. Without a reference nothing is known.
+pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
+    let Some(intervals) = record.gas.as_ref().and_then(|gas| {
+        let noise_pa = record.noise.pressure_pa;
+        intervals(gas, rig, noise_pa)
+    }) else {
+        return;
+    };
+    let rows = about_rows(record.measured.time_s(), &intervals);
+    record.between_pa = rows.iter().map(|row| row.bow_pa).collect();
+    let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
+    for place in &mut record.places {
+        let muscle = &rig.nominal.muscle;
+        let per_pressure_m2 = muscle.force_per_pressure_m2(contraction[place.kernel.middle()]);
+        let own = place
+            .kernel
+            .value
+            .iter()
+            .zip(&rows[place.kernel.rows.clone()]);
+        let doubt_pa: f64 = own.map(|(weight, row)| weight * row.doubt_pa).sum();
+        place.per_noise = place
+            .per_noise
+            .recip()
+            .hypot(per_pressure_m2 * doubt_pa)
+            .recip();
+    }
+}
+
+/// The mean of both intervals beside each row.
+fn about_rows(time_s: &[f64], intervals: &[Between]) -> Vec<Between> {
+    let length_s = |row: usize| time_s[row + 1] - time_s[row];
+    let about = |row: usize| {
+        let before = row.checked_sub(1);
+        let after = (row < intervals.len()).then_some(row);
+        let both = || before.into_iter().chain(after);
+        let whole_s: f64 = both().map(length_s).sum();
+        let mean = |of: fn(&Between) -> f64| -> f64 {
+            let parts = both().map(|own| of(&intervals[own]) * length_s(own));
+            parts.sum::<f64>() / whole_s
+        };
+        Between {
+            bow_pa: mean(|own| own.bow_pa),
+            doubt_pa: mean(|own| own.doubt_pa),
+        }
+    };
+    (0..time_s.len()).map(about).collect()
+}
+
+/// The simulated pressure in each interval between rows, from readings with a noise of `noise_pa`.
+fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
     let time_s = gas.time_s();
     let parts: Vec<usize> = time_s
         .windows(2)
@@ -110,7 +149,12 @@ fn bows_pa(gas: &Record, rig: &Rig) -> Option<Vec<f64>> {
             sum / (3.0 * *parts as f64)
         };
         first += *parts;
-        mean_pa - 0.5 * (begin_pa + end_pa)
+        let missed_pa = (read_pa[row + 1] - end_pa).abs() - MISS_NOISES * noise_pa;
+        Between {
+            bow_pa: mean_pa - 0.5 * (begin_pa + end_pa),
+            // The mean is off by any share between −½ and ½ of what was missed; a gap tells nothing.
+            doubt_pa: missed_pa.max(0.0) / 12.0_f64.sqrt(),
+        }
     };
     Some(parts.iter().enumerate().map(bow).collect())
 }
@@ -164,7 +208,22 @@ mod tests {
             coarse.set(name, values.iter().step_by(FINER).copied().collect());
         }
         let prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
-        let between_pa = between_pa(&prepared[0], &rig);
+        let mut prepared = prepared;
+        let trusted = |prepared: &Prepared| -> f64 {
+            let places = prepared.places.iter();
+            places.map(|place| place.per_noise.powi(-2)).sum()
+        };
+        let (before, mut late) = (trusted(&prepared[0]), rig.clone());
+        tell(&mut prepared[0], &rig);
+        // The valve is the rig's: away from the begin what it says is trusted.
+        assert!(trusted(&prepared[0]) < 1.01 * before);
+        if let Some(valve) = &mut late.nominal.valve {
+            valve.flow_gain_kg_per_pa_s *= 0.3;
+        }
+        let mut doubted = Prepared::all(&late, [&coarse].into_iter(), None).expect("prepared");
+        tell(&mut doubted[0], &late);
+        assert!(trusted(&doubted[0]) > 4.0 * before);
+        let between_pa = &prepared[0].between_pa;
         let fine_pa = fine.column(PRESSURE_PA).expect("a pressure");
         let bow_pa = |row: usize| {
             let own = &fine_pa[row * FINER..=(row + 1) * FINER];

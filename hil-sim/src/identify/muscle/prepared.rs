@@ -63,8 +63,15 @@ pub struct Noise {
 }
 
 impl Noise {
-    fn found(checked: &Check) -> Noise {
-        let of = |name: &str| checked.signal(name).map_or(0.0, |signal| signal.noise);
+    /// That of sensors whose records are `checked`: a sensor has the same noise in each, and what a
+    /// record shows beyond it is motion that its samples do not resolve.
+    fn found(checked: &[Check]) -> Noise {
+        let of = |name: &str| {
+            let signals = checked.iter().filter_map(|checked| checked.signal(name));
+            let noises = signals.map(|signal| signal.noise);
+            let least = noises.filter(|noise| *noise > 0.0).reduce(f64::min);
+            least.unwrap_or(0.0)
+        };
         Noise {
             pressure_pa: of(PRESSURE_PA).max(1.0),
             contraction: of(CONTRACTION).max(1e-7),
@@ -80,6 +87,16 @@ impl Noise {
             _ => self.force_n,
         }
     }
+}
+
+/// What all records of a rig have in common.
+struct Common<'a> {
+    rig: &'a Rig,
+    noise: Noise,
+    /// What the force is off from run to run \[N\]; 0 where that is not known.
+    repeatability_n: f64,
+    /// All records have the muscle's force as a sensor reads it.
+    force_read: bool,
 }
 
 /// One place where the balance of forces is looked at.
@@ -241,11 +258,27 @@ fn left_out(record: &Record, rows: &[usize]) -> Option<String> {
 impl Prepared {
     pub(super) fn all<'a>(
         rig: &Rig,
-        records: impl Iterator<Item = &'a Record>,
+        records: impl Iterator<Item = &'a Record> + Clone,
         repeatability_n: Option<f64>,
     ) -> Result<Vec<Prepared>, BadInput> {
+        let force_read = records
+            .clone()
+            .all(|record| record.column(FORCE_N).is_some());
+        let mut checks = Vec::new();
+        for record in records.clone() {
+            let checked = check(record);
+            checked.refuse(record)?;
+            checks.push(checked);
+        }
+        let common = Common {
+            rig,
+            noise: Noise::found(&checks),
+            repeatability_n: repeatability_n.unwrap_or(0.0),
+            force_read,
+        };
         let mut prepared = records
-            .map(|record| Prepared::new(rig, record, repeatability_n))
+            .zip(&checks)
+            .map(|(record, checked)| Prepared::new(&common, record, checked))
             .collect::<Result<Vec<_>, _>>()?;
         // Who does not wait before one record does not before the others; some may begin in a hold.
         let settled = prepared.iter().all(|record| record.settled);
@@ -255,11 +288,8 @@ impl Prepared {
         Ok(prepared)
     }
 
-    /// `repeatability_n` is what the force is off from run to run, if that is known.
-    fn new(rig: &Rig, record: &Record, repeatability_n: Option<f64>) -> Result<Prepared, BadInput> {
-        let checked = check(record);
-        checked.refuse(record)?;
-        let noise = Noise::found(&checked);
+    fn new(common: &Common, record: &Record, checked: &Check) -> Result<Prepared, BadInput> {
+        let Common { rig, noise, .. } = *common;
         let warnings = checked.warnings.iter().map(ToString::to_string);
         let record = &thinned(record, &noise, rig.nominal.load == Load::Prescribed);
         let contraction = record.require(CONTRACTION)?;
@@ -284,8 +314,8 @@ impl Prepared {
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
             per_force_noise: Vec::new(),
-            pressure_span: Span::of(&checked, PRESSURE_PA),
-            force_span: Span::of(&checked, FORCE_N),
+            pressure_span: Span::of(checked, PRESSURE_PA),
+            force_span: Span::of(checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
             between_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
@@ -303,7 +333,7 @@ impl Prepared {
         prepared.gas_rows = rows(PRESSURE_PA);
         prepared.skip_gas(time_s, &openings_s(record), 0.0..OPENING_S);
         prepared.force_rows = rows(FORCE_N);
-        prepared.weigh_forces(rig, record, repeatability_n.unwrap_or(0.0));
+        prepared.weigh_forces(rig, record, common.repeatability_n);
         let Load::Weight(weight) = rig.nominal.load else {
             return Ok(prepared);
         };
@@ -323,7 +353,7 @@ impl Prepared {
             })
             .collect();
         prepared.directions = surely;
-        prepared.places(rig, &weight);
+        prepared.places(rig, &weight, common.force_read);
         prepared.stops(rig, &weight);
         Ok(prepared)
     }
@@ -415,7 +445,7 @@ impl Prepared {
     }
 
     /// Where the balance of the load is looked at: away from ends, gaps and the stop.
-    fn places(&mut self, rig: &Rig, weight: &Weight) {
+    fn places(&mut self, rig: &Rig, weight: &Weight, force_read: bool) {
         let time_s = self.measured.time_s();
         let (Some(contraction), Some(pressure_pa)) = (
             self.measured.column(CONTRACTION),
@@ -457,7 +487,9 @@ impl Prepared {
         let mut kernels: Vec<Kernel> = wide.chain(narrow).collect();
         kernels.sort_by_key(Kernel::middle);
         let places = kernels.into_iter().map(|kernel| Place {
-            per_noise: self.balance_noise_n(rig, weight, &kernel).recip(),
+            per_noise: self
+                .balance_noise_n(rig, weight, &kernel, force_read)
+                .recip(),
             dip_per_s2: self.dip_per_s2(&kernel),
             kernel,
         });
@@ -476,25 +508,36 @@ impl Prepared {
         up.max(down)
     }
 
-    /// Standard deviation of the noise of the balance of forces through `kernel` \[N\].
-    fn balance_noise_n(&self, rig: &Rig, weight: &Weight, kernel: &Kernel) -> f64 {
+    /// Standard deviation of the noise of the balance of forces through `kernel` \[N\]: with the
+    /// muscle's force as it is read, or as pressure and contraction make it.
+    fn balance_noise_n(
+        &self,
+        rig: &Rig,
+        weight: &Weight,
+        kernel: &Kernel,
+        force_read: bool,
+    ) -> f64 {
         let column = |name| self.measured.column(name).unwrap_or_default();
         let (contraction, pressure_pa) = (column(CONTRACTION), column(PRESSURE_PA));
         let middle = kernel.middle();
         let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
-        let per_pressure_m2 = rig.nominal.muscle.force_per_pressure_m2(at);
-        let stiffness_n = (rig.nominal.muscle.force_n(at + 1e-4, pressure)
-            - rig.nominal.muscle.force_n(at - 1e-4, pressure))
-            / 2e-4;
-        let length_m = rig.nominal.muscle.initial_length_m;
+        let muscle = &rig.nominal.muscle;
+        let per_pressure_m2 = muscle.force_per_pressure_m2(at);
+        let (force_noise_n, stiffness_n) = if force_read {
+            (self.noise.force_n, 0.0)
+        } else {
+            let noise_n = per_pressure_m2 * self.noise.pressure_pa;
+            (noise_n, muscle.stiffness_n(at, pressure))
+        };
+        let length_m = muscle.initial_length_m;
         let by_contraction: Vec<f64> = (0..kernel.rows.len())
             .map(|i| {
                 stiffness_n * kernel.value[i]
-                    - weight.mass_kg * length_m * kernel.second[i]
-                    - weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
+                    + weight.mass_kg * length_m * kernel.second[i]
+                    + weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
             })
             .collect();
-        let from_pressure_n = per_pressure_m2 * self.noise.pressure_pa * norm(&kernel.value);
+        let from_force_n = force_noise_n * norm(&kernel.value);
         let from_contraction_n = self.noise.contraction * norm(&by_contraction);
         // Between samples the pressure is taken to be straight.
         let bent = |row: usize| {
@@ -505,7 +548,7 @@ impl Prepared {
         let weights = kernel.value.iter().zip(kernel.rows.clone());
         let from_sampling_n =
             per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
-        from_pressure_n
+        from_force_n
             .hypot(from_contraction_n)
             .hypot(from_sampling_n)
             .hypot(FORCE_FLOOR_N)

@@ -1,6 +1,7 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
 use super::along::Along;
+use super::begin::without;
 use super::force::Forces;
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
@@ -94,9 +95,8 @@ pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
         let simulated_pa = record.pressure_span.read(read_pa[*row]);
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
     };
-    Some(Residuals::exact(
-        record.gas_rows.iter().map(residual).collect(),
-    ))
+    let residuals = Residuals::exact(record.gas_rows.iter().map(residual).collect());
+    Some(without(residuals, &record.zeros_of_gas(), None))
 }
 
 /// Of the force that the muscle may read at least and at most, row by row \[N\].
@@ -142,6 +142,51 @@ impl Prepared {
         let fading = self.fading_n(forces)?.into_iter();
         let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
         Some(fading.collect())
+    }
+
+    /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever sets
+    /// it sees no less.
+    fn zeros_of_gas(&self) -> Vec<Vec<f64>> {
+        vec![vec![1.0; self.gas_rows.len()]]
+    }
+
+    /// The same of the muscle's force: by the zeros of pressure, contraction and force.
+    pub(super) fn zeros_of_force(&self, rig: &Rig) -> Vec<Vec<f64>> {
+        let rows = || self.force_rows.iter().zip(&self.per_force_noise);
+        let zeros_n = self.zeros_n(rig).into_iter();
+        let zeros_n = zeros_n.chain([vec![self.noise.force_n; self.directions.len()]]);
+        let zeros = zeros_n.map(|n| rows().map(|(row, per)| n[*row] * per).collect());
+        zeros.collect()
+    }
+
+    /// The same of the load's balance, with the muscle's force as it is read or, else, as pressure
+    /// and contraction make it.
+    pub(super) fn zeros_of_balances(&self, rig: &Rig, force_read: bool) -> Vec<Vec<f64>> {
+        let zeros_n = if force_read {
+            vec![vec![self.noise.force_n; self.directions.len()]]
+        } else {
+            self.zeros_n(rig)
+        };
+        let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
+        let of = |n: &Vec<f64>| self.places.iter().map(|place| at(place, n)).collect();
+        zeros_n.iter().map(of).collect()
+    }
+
+    /// What the zeros of pressure and contraction, off by their noise, make of the muscle's force,
+    /// row by row \[N\]. In a gap of the record nothing, as nothing is compared there.
+    fn zeros_n(&self, rig: &Rig) -> Vec<Vec<f64>> {
+        let column = |name| self.measured.column(name).unwrap_or_default().iter();
+        let muscle = &rig.nominal.muscle;
+        let rows = || column(CONTRACTION).zip(column(PRESSURE_PA));
+        let known = |n: f64| if n.is_finite() { n } else { 0.0 };
+        let by_pressure = rows().map(|(contraction, _)| {
+            known(muscle.force_per_pressure_m2(*contraction) * self.noise.pressure_pa)
+        });
+        let by_contraction = rows().map(|(contraction, pressure_pa)| {
+            let stiffness_n = muscle.stiffness_n(*contraction, GaugePa(*pressure_pa));
+            known(stiffness_n * self.noise.contraction)
+        });
+        vec![by_pressure.collect(), by_contraction.collect()]
     }
 
     /// What the encoder reads on the stop, where a muscle is as long as it can be.
@@ -346,7 +391,7 @@ mod tests {
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
         let fading = prepared.fading_forces(&forces).expect("fading");
-        let best = begun_best(&forces, fading, residuals)
+        let best = begun_best(&forces, &fading, Vec::new(), residuals)
             .expect("residuals")
             .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
