@@ -47,13 +47,21 @@ fn table(values: &[NewValue]) -> Table {
             new.unit.into(),
             format!("{:.1} %", 100.0 * new.relative_sigma),
             new.source.clone(),
+            new.tolerance_source.into(),
         ]
     };
     Table {
         caption: "Written values, with one relative standard deviation as tolerance".into(),
-        columns: ["key", "value", "unit", "tolerance", "from"]
-            .map(String::from)
-            .into(),
+        columns: [
+            "key",
+            "value",
+            "unit",
+            "tolerance",
+            "value from",
+            "tolerance from",
+        ]
+        .map(String::from)
+        .into(),
         rows: values.iter().map(row).collect(),
     }
 }

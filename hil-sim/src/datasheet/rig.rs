@@ -315,7 +315,7 @@ fn force_sentences(fit: &MuscleFit, table: &str) -> Vec<String> {
     }
     if fit.slack > 0 {
         sentences.push(format!(
-            "{} points where the muscle is slack were left out.",
+            "Left out, as the muscle is slack there: points without force, {} in number.",
             fit.slack
         ));
     }
