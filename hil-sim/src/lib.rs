@@ -4,6 +4,7 @@
 pub mod bench;
 pub mod datasheet;
 pub mod design;
+pub mod effect_plots;
 pub mod error;
 pub mod faults;
 pub mod identify;
@@ -12,4 +13,3 @@ pub mod paper;
 pub mod record;
 pub mod report;
 pub mod rig;
-pub mod signature;

@@ -279,6 +279,9 @@ fn a_rig_is_made_from_data_sheets() {
         json(path, &["design", "--rig", "rig.toml", "--json"])["sufficient"],
         true
     );
+    // The values' tolerances stand where the template's did.
+    let place = |key: &str| rig.rfind(&format!("\n{key} = ")).expect("the key");
+    assert!(place("alpha_m2") < place("gamma_n") && place("gamma_n") < place("initial_length_m"));
     // Without a volume, the template's would be that of another muscle.
     let bench = "rig new bench.toml --muscle table.csv --length 0.3";
     stdout(path, &bench.split(' ').collect::<Vec<_>>());
@@ -302,6 +305,8 @@ fn a_bad_data_sheet_leaves_no_rig() {
         ),
         ("--muscle table.csv", "--length"),
         ("--valve 700", "Q=…[,from=…,to=…]"),
+        ("--valve C=2,from=6,to=5", "Q=…[,from=…,to=…]"),
+        ("--report fit.html", "--muscle"),
     ] {
         let arguments: Vec<_> = arguments.split(' ').collect();
         let output = hil_sim(path, &[&["rig", "new"], arguments.as_slice()].concat());
@@ -310,6 +315,50 @@ fn a_bad_data_sheet_leaves_no_rig() {
         assert!(message.contains(says), "{message}");
         assert!(!path.join("rig.toml").exists());
     }
+}
+
+/// What is printed does not change what is written.
+#[test]
+fn a_template_is_the_same_with_json() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["rig", "new", "plain.toml"]);
+    let summary = json(path, &["rig", "new", "json.toml", "--json"]);
+    assert_eq!(summary["values"], serde_json::json!([]));
+    let read = |name: &str| std::fs::read_to_string(path.join(name)).expect("a rig");
+    assert_eq!(read("plain.toml"), read("json.toml"));
+}
+
+#[test]
+fn a_rig_that_cannot_be_written_leaves_no_report() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let new = "rig new absent/rig.toml --valve Q=700 --report fit.html";
+    let output = hil_sim(path, &new.split(' ').collect::<Vec<_>>());
+    assert_eq!(output.status.code(), Some(2));
+    assert!(!path.join("fit.html").exists());
+}
+
+/// With an empty table, too, what is printed would be a second one.
+#[test]
+fn tolerances_are_not_printed_for_a_rig_that_has_a_table() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let template = include_str!("../src/rig/reference_rig.toml");
+    std::fs::write(path.join("none.toml"), template).expect("written");
+    let printed = stdout(path, &["rig", "tolerances", "none.toml"]);
+    assert!(printed.contains("[tolerance.muscle]"), "{printed}");
+    let empty = format!("{template}\n[tolerance.muscle]\n");
+    std::fs::write(path.join("empty.toml"), empty).expect("written");
+    stdout(path, &["rig", "check", "empty.toml"]);
+    let output = hil_sim(path, &["rig", "tolerances", "empty.toml"]);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    assert!(output.stdout.is_empty());
+    assert!(
+        message.contains("empty.toml: expected a rig without [tolerance.*]"),
+        "{message}"
+    );
 }
 
 #[test]

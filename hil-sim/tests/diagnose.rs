@@ -226,6 +226,13 @@ fn a_rig_without_tolerances_is_refused_or_taken_as_exact() {
         .expect("the program runs");
     let tables = String::from_utf8(printed.stdout).expect("text");
     bench.write("rig.toml", &format!("{values}{tables}"));
+    // With tolerances --exact would say two things.
+    let (status, message) = bench.run("b.csv", &exact);
+    assert_eq!(status, Some(2), "{message}");
+    assert!(
+        message.contains("no [tolerance.*] tables with --exact"),
+        "{message}"
+    );
     let (status, message) = bench.run("b.csv", &few());
     assert_eq!(status, Some(0), "{message}");
 }

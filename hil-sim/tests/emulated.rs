@@ -3,6 +3,7 @@
 //! `FIRMWARE` names the firmware's ELF, `EMULATED_BOARD` the emulated board's program. If both
 //! exist: `cargo test --release -p hil-sim --test emulated -- --ignored`.
 
+use hil_sim::rig::Rig;
 use std::path::Path;
 use std::process::Command;
 
@@ -113,7 +114,7 @@ fn an_experiment_is_played_on_the_firmware() {
 fn diagnosis_of_a_firmware_record_improves_the_assistance() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let nominal = include_str!("../src/rig/reference_rig.toml").to_owned();
+    let nominal = Rig::template();
     let hidden = "[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 20.0\n\
          reach = 0.015\nsharpness = 1.5\nbase_share = 0.0\n";
     std::fs::write(path.join("nominal.toml"), &nominal).expect("written");
@@ -225,6 +226,15 @@ fn the_page_from_records_to_a_board_holds() {
             _ => {
                 let result = json(folder.path(), &[&words[1..], &["--json"]].concat());
                 match words[1] {
+                    "compensate" => {
+                        let [before_n, after_n] = ["before", "after"]
+                            .map(|run| result[run]["load_error_n_rms"].as_f64().expect("a number"));
+                        let quoted = format!("falls from {before_n:.1} to {after_n:.1} N RMS");
+                        assert!(
+                            page.contains(&quoted),
+                            "the page has other numbers: {quoted}"
+                        );
+                    }
                     "diagnose" => assert_eq!(result["effects"][0]["name"], "leak"),
                     "hil" => {
                         let error_n = result["runs"][0]["tracking"]["error_n_rms"].as_f64();

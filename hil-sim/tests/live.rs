@@ -325,3 +325,67 @@ fn a_test_signal_is_played_if_the_board_permits_it() {
     // The previous setting is restored.
     assert_eq!(play("again.csv", &[]).status.code(), Some(2));
 }
+
+/// An interrupt while the test signal plays: the board vents, and no longer allows a test signal.
+#[test]
+fn an_interrupted_test_signal_leaves_the_board_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    let drive = "time_s,pressure_ref_pa\n0,0\n0.5,20000\n9000,0\n";
+    std::fs::write(folder.path().join("exp.csv"), drive).unwrap();
+    let args = [
+        "record",
+        "--port",
+        board.name(),
+        "--out",
+        "rec.csv",
+        "--play",
+        "exp.csv",
+        "--write-settings",
+        "--from-start",
+        "--json",
+    ];
+    let mut recorder = start(folder.path(), &args);
+    let record = folder.path().join("rec.csv");
+    wait_until("the board plays", || {
+        assert!(
+            recorder.try_wait().unwrap().is_none(),
+            "the recorder has ended"
+        );
+        std::fs::read_to_string(&record).is_ok_and(|text| text.contains("Playing"))
+    });
+    interrupt(&recorder);
+    let (summary, message) = succeeded(recorder.wait_with_output().unwrap());
+    assert_eq!(summary["played"], "interrupted");
+    assert!(!message.contains("could not be restored"), "{message}");
+    let args = ["settings", "--port", board.name(), "--json"];
+    let (settings, _) = succeeded(start(folder.path(), &args).wait_with_output().unwrap());
+    assert!(
+        settings
+            .to_string()
+            .contains("\"play_pressure_pa_max\":0.0"),
+        "{settings}"
+    );
+}
+
+/// `--duration 0` ends before the first tick, whose timing is then unknown.
+#[test]
+fn a_board_that_was_not_heard_has_no_timing() {
+    let folder = tempfile::tempdir().unwrap();
+    let board = Plugged::new(folder.path());
+    let args = [
+        "record",
+        "--port",
+        board.name(),
+        "--out",
+        "rec.csv",
+        "--duration",
+        "0",
+        "--json",
+    ];
+    let (summary, _) = succeeded(start(folder.path(), &args).wait_with_output().unwrap());
+    assert_eq!(
+        (&summary["ticks"], summary.get("timing")),
+        (&0.into(), None)
+    );
+}

@@ -26,7 +26,6 @@ pub struct Connected {
     /// Name of the port.
     pub port: String,
     /// Set by an interrupt, to end early.
-    #[cfg(feature = "terminal")]
     pub stop: Arc<AtomicBool>,
 }
 
@@ -66,7 +65,6 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
         line,
         identity,
         port: name,
-        #[cfg(feature = "terminal")]
         stop,
     })
 }

@@ -35,7 +35,7 @@ pub struct Args {
     /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Take a rig without tolerances: every nominal value is exact
+    /// Take a rig without tolerances: every nominal value is exact. Refused if the rig has some
     #[arg(long)]
     exact: bool,
     /// Remove an effect from the catalogue; may be given more than once
@@ -94,6 +94,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if rig.tolerances.is_empty() && !args.exact {
         return Err(rig.bad_file(&untold(&args.rig)).into());
+    }
+    if args.exact && !rig.tolerances.is_empty() {
+        let expected = "no [tolerance.*] tables with --exact, which says that every value is exact";
+        return Err(rig.bad_file(expected).into());
     }
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {

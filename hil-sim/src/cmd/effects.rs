@@ -1,27 +1,37 @@
 //! `hil-sim effects`.
 
 use super::{Failure, print, print_json, this_command};
+use hil_sim::effect_plots;
 use hil_sim::error::{BadInput, one_of};
 use hil_sim::output::write_atomically;
 use hil_sim::report::{Report, Section, Table};
 use hil_sim::rig::effect_toml;
-use hil_sim::signature;
 use muscle_plant::effects::{Catalogue, CompensationMethod, Effect, EffectKind, Form, Parameter};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::PathBuf;
 
+/// The symbols of the equations, for the help and the page.
+macro_rules! symbols {
+    () => {
+        "\
+Symbols: P pressure (gauge), P_abs the same absolute, P_r its reference, P_s the supply,
+ε contraction, F force, G mass flow through the valve towards the muscle, V volume, θ temperature of
+the air in the muscle, θ_a that of the surroundings, θ_w that of the muscle's wall, h coefficient of
+heat transfer from the wall to the air, R_air gas constant of air, t time, v speed of the load,
+L initial length, K_G flow gain of the valve. Other names in words are keys of the effect.
+"
+    };
+}
+
 /// List the effects that a rig may have, or show one with the lines to paste into a rig file
-///
-/// Symbols of equations: P pressure (gauge), P_r its reference, P_s the supply, ε contraction,
-/// F force, G flow towards the muscle, V volume, θ temperature, t time, L and K_G as in the rig.
 #[derive(clap::Args)]
-#[command(after_help = "\
+#[command(after_help = concat!(symbols!(), "
 Examples:
   hil-sim effects
   hil-sim effects leak
   hil-sim effects leak --report leak.html
-  hil-sim effects --json")]
+  hil-sim effects --json"))]
 pub struct Args {
     /// The effect to show; all are listed if omitted
     #[arg(value_name = "NAME")]
@@ -234,7 +244,8 @@ fn write_effects(page: &mut String, kinds: &[KindSummary]) -> std::fmt::Result {
     Ok(())
 }
 
-const PAGE_HEAD: &str = "\
+const PAGE_HEAD: &str = concat!(
+    "\
 # Effects that a rig may have
 
 Printed by `hil-sim effects --markdown` from what each effect declares in
@@ -242,10 +253,9 @@ Printed by `hil-sim effects --markdown` from what each effect declares in
 signature.html` plots the signature on the paper's rig. The first form of an effect is the default.
 Equations 1 to 9: [theory](theory.md).
 
-Symbols: P pressure (gauge), P_r its reference, P_s the supply, ε contraction, F force, G mass flow
-towards the muscle, V volume, θ temperature, t time, v speed of the load, L initial length, K_G flow
-gain of the valve.
-";
+",
+    symbols!()
+);
 
 /// Runs the command with the effects of `catalogue`.
 pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
@@ -268,7 +278,7 @@ pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
         let mut report = summary.report();
         report.sections.push(Section {
             heading: "Signature".into(),
-            plots: signature::plots(kind)?,
+            plots: effect_plots::plots(kind)?,
             ..Section::default()
         });
         report.repeat = vec![this_command()];

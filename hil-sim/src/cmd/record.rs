@@ -20,7 +20,7 @@ use hil_sim::rig::Rig;
 use model_core::device::Command;
 use model_core::error::SettingsError;
 use model_core::io::Request;
-use model_core::link::{FromDevice, Source, Telemetry, ToDevice};
+use model_core::link::{FromDevice, Source, Telemetry, ToDevice, Written};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::supervisor::Mode;
 use model_core::timing::Timing;
@@ -28,10 +28,18 @@ use serde::Serialize;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 /// After this time without a message, the rows received so far are written.
 const TICK: Duration = Duration::from_millis(50);
+/// For this time a board may let the pressure out, before it takes its old settings back.
+const VENTING: Duration = Duration::from_secs(60);
+/// Said if an interrupt ends the program while a board plays a test signal.
+#[cfg(feature = "terminal")]
+const LAST_WORDS: &str = "ended out of order: the board may still allow test signals (`hil-sim \
+                          settings` shows play_pressure_pa_max), and the muscle may hold pressure \
+                          behind a shut-off valve";
 
 /// Record the telemetry of a board until interrupted
 ///
@@ -86,7 +94,7 @@ struct Summary {
     /// How the test signal ended, if one was played.
     #[serde(skip_serializing_if = "Option::is_none")]
     played: Option<String>,
-    /// Not with an emulated board in lockstep, whose report has it.
+    /// Not with an emulated board in lockstep, whose report has it, and not without telemetry.
     #[serde(skip_serializing_if = "Option::is_none")]
     timing: Option<TimingSummary>,
     link: LinkCounts,
@@ -147,6 +155,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(player) => allowed(args, &board.port, player, values)?,
     };
     let mut recorder = Recorder::create(&args.out, &Origin::default())?;
+    #[cfg(feature = "terminal")]
+    super::interrupt::last_words(player.as_ref().map(|_| LAST_WORDS));
     if *settings.values() != values {
         board.line.write_settings(settings.values())?;
     }
@@ -164,9 +174,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let playing = (&mut player, &mut shutoff_valve);
     let listened = listen(args, &mut board, &mut timeline, &mut recorder, playing);
     shutoff_valve.warn();
-    if *settings.values() != values && board.line.write_settings(&values).is_err() {
+    if *settings.values() != values && restore(&mut board, &values).is_err() {
         eprintln!("the board still allows test signals: its old settings could not be restored");
     }
+    #[cfg(feature = "terminal")]
+    super::interrupt::last_words(None);
     let heard = listened?;
     let played = player.map(|player| ended(&player));
     print_summary(
@@ -177,10 +189,29 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             ticks: recorder.finish()?,
             replayable: heard.replayable,
             played,
-            timing: Some(TimingSummary::new(board.identity.cpu_hz, &heard.timing)),
+            timing: heard
+                .timing
+                .map(|timing| TimingSummary::new(board.identity.cpu_hz, &timing)),
             link: board.line.counts(),
         },
     )
+}
+
+/// Stores the old settings on the board again. An interrupt has ended the test signal, and must not
+/// end this too; the next one does.
+fn restore(board: &mut Connected, values: &SettingsValues) -> Result<(), LinkError> {
+    board.stop.store(false, Ordering::Relaxed);
+    let begin = Instant::now();
+    loop {
+        match board.line.write_settings(values) {
+            // It still plays, or lets the pressure out.
+            Err(LinkError::NotStored(Written::Armed)) if begin.elapsed() < VENTING => {
+                let vent = Command::Request(Request::Vent);
+                board.line.send(&ToDevice::Command(vent))?;
+            }
+            done => return done,
+        }
+    }
 }
 
 fn print_summary(args: &Args, summary: &Summary) -> Result<(), Failure> {
@@ -400,8 +431,8 @@ fn play(
 struct Heard {
     /// The record can be replayed.
     replayable: bool,
-    /// Of the last tick.
-    timing: Timing,
+    /// Of the last tick; `None` if no telemetry came.
+    timing: Option<Timing>,
 }
 
 /// Records until an interrupt or the end of the duration.
@@ -446,7 +477,7 @@ fn listen(
                     recorder.push(&row)?;
                     progress.show(&row);
                 }
-                outcome.timing = telemetry.timing;
+                outcome.timing = Some(telemetry.timing);
                 heard = true;
                 if player.as_ref().is_some_and(|player| player.end().is_some()) {
                     return Ok(outcome);

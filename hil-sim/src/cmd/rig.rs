@@ -2,7 +2,8 @@
 
 use super::{Failure, between, this_command};
 use hil_sim::datasheet::muscle;
-use hil_sim::datasheet::report::DataSheets;
+use hil_sim::datasheet::report::report;
+use hil_sim::datasheet::rig::DataSheets;
 use hil_sim::datasheet::valve::ValveSheet;
 use hil_sim::datasheet::volume::{self, Braid};
 use hil_sim::error::BadInput;
@@ -49,6 +50,7 @@ enum Command {
 /// off a catalogue's diagram or measured. Eq 1 is fitted to it; its tolerances are those of the fit
 /// and, unless the muscle itself was measured, those of muscles of one type.
 #[derive(clap::Args)]
+#[command(group(clap::ArgGroup::new("sheet").args(["muscle", "valve"]).multiple(true)))]
 #[command(after_help = "\
 Examples:
   hil-sim rig new my-rig.toml
@@ -86,12 +88,13 @@ struct New {
     /// The tables were measured on this muscle, not read off a catalogue
     #[arg(long, requires = "muscle")]
     measured: bool,
-    /// The valve as its data sheet has it: C=[,b=] dm³/(s·bar), Kv= m³/h, Cv= US gal/min, or
-    /// Q=[,from=,to=] l/min (ANR) between gauge pressures in bar, 6 and 5 if omitted
+    /// The valve as its data sheet has it: C= dm³/(s·bar), Kv= m³/h, Cv= US gal/min, or
+    /// Q=[,from=,to=] l/min (ANR) between gauge pressures in bar, 6 and 5 if omitted; each with
+    /// [,b=], 0.3 if omitted
     #[arg(long, value_name = "VALVE")]
     valve: Option<ValveSheet>,
     /// A report of the fit to write, with plots
-    #[arg(long, value_name = "REPORT.html")]
+    #[arg(long, value_name = "REPORT.html", requires = "sheet")]
     report: Option<PathBuf>,
     /// Print the values as JSON instead of text
     #[arg(long)]
@@ -116,11 +119,7 @@ fn data_sheets(args: &New) -> Result<DataSheets, BadInput> {
             diameter_m,
             angle_rad: angle.to_radians(),
         };
-        let reached = fit
-            .points
-            .iter()
-            .map(|at| at.contraction)
-            .fold(0.0, f64::max);
+        let reached = fit.points().map(|at| at.contraction).fold(0.0, f64::max);
         let contraction_max = match reached > 0.0 {
             true => reached.min(braid.contraction_max()),
             false => braid.contraction_max(),
@@ -166,22 +165,17 @@ fn check_outputs(args: &New) -> Result<(), BadInput> {
 fn new(args: &New) -> Result<(), Failure> {
     check_outputs(args)?;
     let sheets = data_sheets(args)?;
-    let template = Rig::template();
-    let from_data_sheets = sheets.muscle.is_some() || sheets.valve.is_some();
-    if !from_data_sheets && args.report.is_none() && !args.json {
-        write_atomically(&args.path, template.as_bytes())?;
-    } else {
-        let (text, mut report, summary) = sheets.rig(&template)?;
-        if let Some(path) = &args.report {
-            report.repeat = vec![this_command()];
-            write_atomically(path, report.to_html().as_bytes())?;
-        }
-        write_atomically(&args.path, text.as_bytes())?;
-        if args.json {
-            super::print_json(&summary)?;
-        } else {
-            super::print(&report.to_text())?;
-        }
+    let (text, summary) = sheets.rig(&Rig::template())?;
+    write_atomically(&args.path, text.as_bytes())?;
+    let mut report = report(&sheets, &summary);
+    report.repeat = vec![this_command()];
+    if let Some(path) = &args.report {
+        write_atomically(path, report.to_html().as_bytes())?;
+    }
+    if args.json {
+        super::print_json(&summary)?;
+    } else if !summary.values.is_empty() {
+        super::print(&report.to_text())?;
     }
     super::note(format_args!("written: {}", args.path.display()));
     Ok(())
@@ -199,9 +193,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
         Command::Tolerances { path } => {
-            let rig = Rig::read(path)?;
-            if !rig.tolerances.is_empty() {
-                let expected = "a rig without [tolerance.*] tables, which it has";
+            let text = Rig::read_text(path)?;
+            let rig = Rig::parse(&path.display().to_string(), &text)?;
+            // Also if the tables are empty: TOML does not allow a second one of the same name.
+            let table = text.parse::<toml_edit::DocumentMut>();
+            if table.is_ok_and(|table| table.contains_key("tolerance")) {
+                let expected = "a rig without [tolerance.*] tables, which it has (remove them)";
                 return Err(rig.bad_file(expected).into());
             }
             super::print(&format!("\n{}", default_tolerances(&rig)))?;

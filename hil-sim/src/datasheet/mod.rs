@@ -3,6 +3,7 @@
 mod fit;
 pub mod muscle;
 pub mod report;
+pub mod rig;
 mod table;
 pub mod valve;
 pub mod volume;

@@ -57,19 +57,27 @@ fn parse<const N: usize>(
         place: column.map(|column| format!("column `{column}`")),
         ..BadInput::file(name, expected)
     };
+    let line_of = |position: Option<&csv::Position>| position.map(|at| row_line(bytes, at));
     let not_csv = |error: csv::Error| {
-        let line = error.position().map(|position| position.line() as usize);
-        bad(line, None, "CSV with as many cells in each row".into())
+        let expected = match error.kind() {
+            csv::ErrorKind::Utf8 { .. } => "text in UTF-8, found other bytes".into(),
+            csv::ErrorKind::UnequalLengths {
+                expected_len, len, ..
+            } => format!("CSV with {expected_len} cells in each row, found {len}"),
+            _ => format!("CSV, {error}"),
+        };
+        bad(line_of(error.position()), None, expected)
     };
     let header = reader.headers().map_err(not_csv)?.clone();
+    let header_line = line_of(header.position());
     let mut places = Vec::new();
     for quantity in &quantities {
-        places.push(place(&header, quantity).map_err(|expected| bad(Some(1), None, expected))?);
+        places.push(place(&header, quantity).map_err(|expected| bad(header_line, None, expected))?);
     }
     let mut rows = Vec::new();
     for row in reader.records() {
         let row = row.map_err(not_csv)?;
-        let line = row.position().map(|position| position.line() as usize);
+        let line = line_of(row.position());
         let mut values = [0.0; N];
         for ((value, quantity), (place, unit)) in values.iter_mut().zip(&quantities).zip(&places) {
             let cell = row.get(*place).unwrap_or_default();
@@ -88,6 +96,16 @@ fn parse<const N: usize>(
         rows.push((line.unwrap_or(0), values));
     }
     Ok(rows)
+}
+
+/// The line of the row that the reader looked for at a position: below comments and empty lines.
+fn row_line(bytes: &[u8], position: &csv::Position) -> usize {
+    let rest = bytes.get(position.byte() as usize..).unwrap_or_default();
+    let lines = rest.split(|byte| *byte == b'\n');
+    let skipped = lines.take_while(|line| line.starts_with(b"#") || line.trim_ascii().is_empty());
+    // The last line break ends the file.
+    let breaks = rest.iter().filter(|byte| **byte == b'\n').count();
+    position.line() as usize + skipped.count().min(breaks)
 }
 
 /// The place of a quantity's column and its unit, or what is expected of the header.
@@ -119,13 +137,13 @@ mod tests {
     use super::*;
     use crate::record::units::{PRESSURE, RATIO};
 
-    fn read(text: &str) -> Result<Vec<(usize, [f64; 2])>, BadInput> {
+    fn read(text: impl AsRef<[u8]>) -> Result<Vec<(usize, [f64; 2])>, BadInput> {
         let quantity = |name, units, range| Quantity { name, units, range };
         let quantities = [
             quantity("contraction", RATIO, (0.0, 0.5)),
             quantity("pressure", PRESSURE, (0.0, 1e7)),
         ];
-        parse("table.csv", text.as_bytes(), quantities)
+        parse("table.csv", text.as_ref(), quantities)
     }
 
     #[test]
@@ -134,6 +152,15 @@ mod tests {
         assert_eq!(rows, [(3, [0.25, 6e5])]);
         let rows = read("contraction,pressure_pa\n0.25,6e5\n").expect("rows");
         assert_eq!(rows, [(2, [0.25, 6e5])]);
+    }
+
+    /// Not that of the comments and empty lines above it.
+    #[test]
+    fn a_row_is_counted_at_its_own_line() {
+        let text = "# Festo\n\n# DMSP\ncontraction,pressure_pa\n0.25,6e5\n# more\n\n0.2,6e5";
+        let rows = read(text).expect("rows");
+        let lines: Vec<_> = rows.iter().map(|(line, _)| *line).collect();
+        assert_eq!(lines, [5, 8]);
     }
 
     #[test]
@@ -154,11 +181,23 @@ mod tests {
             ),
             (
                 "contraction,pressure_bar\n0.1\n",
-                "table.csv:2: expected CSV",
+                "table.csv:2: expected CSV with 2 cells in each row, found 1",
+            ),
+            (
+                "# Festo\ncontraction,presure_bar\n",
+                "table.csv:2: expected a column pressure_pa",
+            ),
+            (
+                "contraction,pressure_bar\n# more\n0.1,7,8\n",
+                "table.csv:3: expected CSV with 2 cells in each row, found 3",
             ),
         ] {
             let error = read(text).expect_err("a bad table").to_string();
             assert!(error.contains(message), "{error}");
         }
+        let latin_1 = b"contraction,pressure_bar,note\n0.1,6,\xb5\n";
+        let error = read(latin_1).expect_err("not UTF-8").to_string();
+        let says = "table.csv:2: expected text in UTF-8, found other bytes";
+        assert!(error.contains(says), "{error}");
     }
 }

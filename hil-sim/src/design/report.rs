@@ -2,7 +2,7 @@
 
 use super::bode::{bode, linspace};
 use crate::bench::tick::TICK_S;
-use crate::datasheet::valve::{Catalogue, ValveSheet};
+use crate::datasheet::valve::{Rounding, ValveSheet, ValveWords};
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
 use crate::report::{Axis, Marker, Plot, Report, Section, Series, Table};
@@ -27,7 +27,7 @@ pub struct Answer {
     /// The largest flow gain that any equilibrium requires \[kg/(Pa·s)\].
     pub flow_gain_needed_kg_per_pa_s: f64,
     /// The same in the words of a valve's data sheet.
-    pub valve_needed: Catalogue,
+    pub valve_needed: ValveWords,
     /// The equilibrium that requires it.
     pub worst: Linearisation,
     /// Flow gain of the rig's valve \[kg/(Pa·s)\].
@@ -101,7 +101,7 @@ pub fn design_report(rig: &Rig, question: &Question) -> Result<(Report, Answer),
     };
     let answer = Answer {
         flow_gain_needed_kg_per_pa_s: needed(&worst),
-        valve_needed: ValveSheet::of_gain(needed(&worst)).catalogue(),
+        valve_needed: ValveSheet::of_gain(needed(&worst)).words(),
         worst,
         flow_gain_kg_per_pa_s: valve.flow_gain_kg_per_pa_s,
         sufficient: valve.flow_gain_kg_per_pa_s >= needed(&worst),
@@ -153,7 +153,10 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
             "The valve needs a flow gain of at least {needs:.1e} kg/(Pa·s): \
              the rig's {has:.1e} {enough}."
         ),
-        format!("On a data sheet that is {}.", sheet.words()),
+        format!(
+            "On a data sheet that is at least {}.",
+            sheet.sheet(Rounding::Up)
+        ),
         format!(
             "Such is {}; it must also follow its reference faster than {omega2_hz:.1} Hz.",
             sheet.class()
@@ -165,6 +168,7 @@ fn verdict(rig: &Rig, answer: &Answer) -> Vec<String> {
              larger one.",
             sheet.critical_ratio
         ),
+        sheet.limits(),
         format!(
             "This is required at {:.0} kPa with {:.1} kg, where ω₂ = {:.2} Hz.",
             worst.pressure_pa / 1e3,

@@ -66,9 +66,12 @@ pub fn set_numbers<'a>(
         if tolerances.get(section).is_none() {
             tolerances[section] = toml_edit::table();
         }
+        let item = &mut tolerances[section][key];
+        set_number(item, relative_sigma);
         // The reason behind it is that of another number.
-        remove(Some(&mut tolerances[section]), key);
-        set_number(&mut tolerances[section][key], relative_sigma);
+        if let Some(value) = item.as_value_mut() {
+            value.decor_mut().set_suffix("");
+        }
     }
     for key in without {
         let tolerances = document.get_mut("tolerance");

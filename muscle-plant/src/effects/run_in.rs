@@ -45,7 +45,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "F = Eq 1 · (1 + share/(1 + s/distance)), s = ∫ |dε|",
             source: "A share of the force that falls as 1/(1 + moved/distance): fast at first, \
                      then slowly.",
-            leaves_out: "recovery during a rest",
+            leaves_out: "recovery during a rest, and motion within 0.001",
             build: |values| Term::Muscle(Box::new(hyperbolic(values))),
             observation: Some(|values| Box::new(hyperbolic(values))),
         },
@@ -61,7 +61,7 @@ pub static KIND: EffectKind = EffectKind {
                        began",
             source: "A share of the force that decays exponentially with the number of cycles; a \
                      stroke counts as half a cycle as soon as it exceeds 0.02 in contraction.",
-            leaves_out: "recovery during a rest",
+            leaves_out: "recovery during a rest, and motion within 0.001",
             build: |values| Term::Muscle(Box::new(cyclic(values))),
             observation: Some(|values| Box::new(cyclic(values))),
         },

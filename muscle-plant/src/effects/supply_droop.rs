@@ -37,8 +37,9 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "linear",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), RECOVERY_TIME_S],
-            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · G − \
-                       d/recovery_time_s",
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · G_s − \
+                       d/recovery_time_s; G_s = G while the valve is open to its supply, P_r ≥ \
+                       P_s − d, else max(G, 0)",
             source: "Isothermal reservoir with a linear restriction towards the nominal supply; \
                      air that flows back from the muscle returns to it.",
             leaves_out: "the dynamics of a regulator",
@@ -59,9 +60,10 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "orifice",
             parameters: &[RESERVOIR_VOLUME_M3.neutral(LARGE_M3), REFILL],
-            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · (G − g), g = \
+            equation: "Supply P_s − d; dd/dt = R_air θ/reservoir_volume_m3 · (G_s − g), g = \
                        conductance_kg_per_pa_s · p₁ √(1 − ((q − 0.5)/0.5)²), q = max(p₂/p₁, 0.5), \
-                       absolute pressures p₁ of the nominal supply and p₂ of the reservoir",
+                       absolute pressures p₁ of the nominal supply and p₂ of the reservoir; G_s = \
+                       G while the valve is open to its supply, P_r ≥ P_s − d, else max(G, 0)",
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
                      ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator.",
             leaves_out: "the dynamics of a regulator",
