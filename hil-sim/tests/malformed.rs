@@ -258,7 +258,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time_s,pressure_ref_pa,contraction\n0,0,7\n",
-        ":2: column `contraction`: expected a number",
+        ": column `contraction`: expected contractions y/L as a ratio",
     ),
     // Milliseconds, microseconds.
     (

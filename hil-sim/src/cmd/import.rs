@@ -16,14 +16,23 @@ use std::path::PathBuf;
 Examples:
   hil-sim import --example > map.toml
   hil-sim import bench.txt --map map.toml --out bench.csv
-  hil-sim import bench.mat --map map.toml --out bench.csv --json")]
+  hil-sim import bench.mat --map map.toml --out bench.csv --json
+  hil-sim import bar.csv --unit pressure_pa=bar --unit contraction=1,scale=-1 --out si.csv")]
 pub struct Args {
     /// The file to convert: CSV, or MATLAB's .mat
     #[arg(value_name = "FILE", required_unless_present = "example")]
     file: Option<PathBuf>,
     /// The mapping file
-    #[arg(long, value_name = "MAP.toml", required_unless_present = "example")]
+    #[arg(long, value_name = "MAP.toml", required_unless_present_any = ["example", "unit"])]
     map: Option<PathBuf>,
+    /// Of a file whose columns already have a record's names: the unit of one of them, and what its
+    /// cells are multiplied by and what is added; may be given more than once
+    #[arg(
+        long,
+        value_name = "COLUMN=UNIT[,scale=S][,offset=O]",
+        conflicts_with = "map"
+    )]
+    unit: Vec<String>,
     /// The record to write
     #[arg(long, value_name = "REC.csv", required_unless_present = "example")]
     out: Option<PathBuf>,
@@ -37,19 +46,23 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // clap requires all three without --example.
-    let (Some(file), Some(map), Some(out)) = (&args.file, &args.map, &args.out) else {
+    // clap requires both without --example, and a mapping or units.
+    let (Some(file), Some(out)) = (&args.file, &args.out) else {
         super::print(Map::EXAMPLE_TOML)?;
         return Ok(());
     };
-    if same_file(out, file) || same_file(out, map) {
+    if same_file(out, file) || args.map.as_ref().is_some_and(|map| same_file(out, map)) {
         let expected = "an output that is not an input too";
         return Err(BadInput::file(out.display().to_string(), expected).into());
     }
-    let map = Map::read(map)?;
+    let map = args.map.as_deref().map(Map::read).transpose()?;
     let name = file.display().to_string();
     let bytes = std::fs::read(file)
         .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    let map = match map {
+        Some(map) => map,
+        None => Map::of_record(&name, &bytes, &args.unit)?,
+    };
     let imported = map.import(&name, &bytes)?;
     imported.record.write(out)?;
     if args.json {

@@ -199,7 +199,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
         Command::Tolerances { path } => {
-            let rig = Rig::read(path)?;
+            let rig = super::read_rig(path)?;
             if !rig.tolerances.is_empty() {
                 let expected = "a rig without [tolerance.*] tables, which it has";
                 return Err(rig.bad_file(expected).into());
@@ -207,7 +207,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             super::print(&format!("\n{}", default_tolerances(&rig)))?;
         }
         Command::Check { path, json } => {
-            let rig = Rig::read(path)?;
+            let rig = super::read_rig(path)?;
             if *json {
                 let effects = rig.effects.iter().map(|effect| effect.kind.name);
                 let effects = effects.collect();

@@ -11,7 +11,7 @@ mod matlab;
 mod source;
 mod times;
 
-use crate::error::BadInput;
+use crate::error::{BadInput, one_of};
 use crate::record::units::{TARGETS, TIME, Unit};
 use crate::record::{Record, TIME_S, in_range};
 use serde::{Deserialize, Serialize};
@@ -215,6 +215,58 @@ impl Map {
         map.place = place;
         map.check()?;
         Ok(map)
+    }
+
+    /// The mapping of a record, whose CSV `bytes` begin with the names of its columns, in which
+    /// some columns are in other units: `units` are `COLUMN=UNIT[,scale=S][,offset=O]`.
+    ///
+    /// # Errors
+    /// The record lacks a column of `units`, or one of them has no such form or unit.
+    pub fn of_record(file: &str, bytes: &[u8], units: &[String]) -> Result<Map, BadInput> {
+        let bad = |expected: String| BadInput::file("--unit", expected);
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_reader(bytes);
+        let header = reader.byte_headers().ok();
+        let header = header.ok_or_else(|| BadInput::file(file, "a line with names of columns"))?;
+        let has = |name: &str| header.iter().any(|column| column == name.as_bytes());
+        let known = [(TIME_S, TIME)].into_iter().chain(TARGETS);
+        let known: Vec<_> = known.filter(|(name, _)| has(name)).collect();
+        let mut keys: BTreeMap<&str, String> = BTreeMap::new();
+        for option in units {
+            let (name, rest) = option.split_once('=').unwrap_or((option, ""));
+            let found = known.iter().find(|(known, _)| *known == name);
+            let (name, _) = found.ok_or_else(|| {
+                let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
+                bad(format!("COLUMN=UNIT with {}", one_of(&names, name)))
+            })?;
+            let mut parts = rest.split(',');
+            let mut lines = format!("unit = {:?}\n", parts.next().unwrap_or_default());
+            for part in parts {
+                let number = part.split_once('=').filter(|(key, value)| {
+                    ["scale", "offset"].contains(key) && value.parse::<f64>().is_ok()
+                });
+                let (key, value) = number
+                    .ok_or_else(|| bad(format!("scale=NUMBER or offset=NUMBER, found `{part}`")))?;
+                let value: f64 = value.parse().unwrap_or_default();
+                lines += &format!("{key} = {value:?}\n");
+            }
+            keys.insert(*name, lines);
+        }
+        let sections = known.iter().map(|(name, units)| {
+            let section = match *name {
+                TIME_S => "time".into(),
+                name => format!("columns.{name}"),
+            };
+            let unit = || format!("unit = {:?}\n", units[0].0);
+            let lines = keys.remove(name).unwrap_or_else(unit);
+            format!("[{section}]\ncolumn = {name:?}\n{lines}")
+        });
+        let text: String = sections.collect();
+        Map::parse("--unit", &text).map_err(|error| BadInput {
+            line: None,
+            ..error
+        })
     }
 
     fn check(&self) -> Result<(), BadInput> {
