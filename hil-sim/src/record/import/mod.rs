@@ -21,6 +21,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 pub use times::Mended;
 
+/// Whether the bytes are of an HDF5 file, as MATLAB 7.3 writes: a crate reads it, whose memory and
+/// time only a process of its own can bound.
+#[cfg(feature = "matlab")]
+pub fn is_hdf5(bytes: &[u8]) -> bool {
+    hdf5_pure::is_hdf5_bytes(bytes)
+}
+
 /// The mapping of a file's columns to those of a record.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -330,7 +337,9 @@ impl Map {
     /// # Errors
     /// The file does not fit the mapping, with line and column.
     pub fn import(&self, name: &str, bytes: &[u8]) -> Result<Imported, BadInput> {
-        let source = Source::open(name, bytes, &self.file)?;
+        let selectors = self.columns.values().map(|column| &column.column);
+        let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
+        let source = Source::open(name, bytes, &self.file, &used)?;
         let times = self.times(&source)?;
         let mut record = Record::new(times.time_s);
         let mut summary = Summary {
@@ -356,14 +365,8 @@ impl Map {
             record.set(target, values);
             summary.columns.push(column);
         }
-        let selectors = self.columns.values().map(|column| &column.column);
-        let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
         summary.left_out = source.left_out(&used);
-        // Reading the record back makes the remaining checks.
-        let record = Record::parse(name, &record.to_csv()).map_err(|error| BadInput {
-            line: None,
-            ..error
-        })?;
+        record.check_times_and_reference(name)?;
         Ok(Imported { record, summary })
     }
 }
@@ -375,7 +378,7 @@ impl Column {
         source: &Source,
         target: &'static str,
         unit: &Unit,
-        (rows_read, rows): (usize, &[usize]),
+        (rows_read, rows): (usize, &[u32]),
     ) -> Result<(Vec<f64>, ColumnSummary), BadInput> {
         let (name, read) = source.column(&self.column)?;
         if read.len() != rows_read {
@@ -385,12 +388,11 @@ impl Column {
         let (unit, factor, zero) = unit;
         let mut values = Vec::with_capacity(rows.len());
         let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-        for row in rows {
-            let value = (read[*row] * self.scale + self.offset) * factor + zero;
+        for row in rows.iter().map(|row| *row as usize) {
+            let value = (read[row] * self.scale + self.offset) * factor + zero;
             if !value.is_nan() {
-                in_range(target, value).map_err(|why| {
-                    source.bad(*row, &name, &format!("what is {target} as {why}"))
-                })?;
+                in_range(target, value)
+                    .map_err(|why| source.bad(row, &name, &format!("what is {target} as {why}")))?;
                 (min, max) = (min.min(value), max.max(value));
             }
             values.push(value);
