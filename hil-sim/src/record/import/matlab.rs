@@ -6,7 +6,7 @@
 mod version_5;
 
 use super::BadInput;
-use super::source::{Values, Variable};
+use super::variable::{Values, Variable};
 use hdf5_pure::{DType, Group};
 
 /// Numbers that a file may have for each of its bytes, and that any may have. Measured signals pack
@@ -91,33 +91,4 @@ fn is_number(dataset: &hdf5_pure::Dataset) -> bool {
     use DType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
     let number = dataset.dtype();
     number.is_ok_and(|of| matches!(of, F32 | F64 | I8 | I16 | I32 | I64 | U8 | U16 | U32 | U64))
-}
-
-/// The numbers of a dataset, of which there are `count`.
-///
-/// # Errors
-/// A damaged dataset, or one whose chunks are larger than `numbers_max`.
-pub(super) fn stored(
-    dataset: &hdf5_pure::Dataset,
-    count: usize,
-    numbers_max: usize,
-) -> Result<Vec<f64>, String> {
-    // Memory is allocated for whole chunks.
-    let chunk = dataset.chunk_shape().map_err(|error| error.to_string())?;
-    let chunk = chunk.unwrap_or_default();
-    let chunk = chunk
-        .iter()
-        .fold(1_u64, |size, edge| size.saturating_mul(*edge));
-    if chunk > numbers_max as u64 {
-        return Err(format!(
-            "chunks of at most {numbers_max} numbers, found {chunk}"
-        ));
-    }
-    let values = dataset
-        .read_f64()
-        .map_err(|error| format!("a dataset that can be read, {error}"))?;
-    match values.len() == count {
-        true => Ok(values),
-        false => Err(format!("{count} numbers, found {}", values.len())),
-    }
 }

@@ -10,6 +10,7 @@ mod matlab;
 mod matlab;
 mod source;
 mod times;
+mod variable;
 
 use crate::error::{BadInput, one_of};
 use crate::record::units::{TARGETS, TIME, Unit};

@@ -1,5 +1,6 @@
 //! Reading of the files that can be imported, as columns of numbers.
 
+use super::variable::Variable;
 use super::{BadInput, Layout, Selector, matlab};
 use crate::record::{newlines, row_start};
 use std::borrow::Cow;
@@ -35,27 +36,6 @@ struct Numbers {
     index: usize,
     values: Vec<f64>,
     bad: Option<(usize, String)>,
-}
-
-/// One variable of a MATLAB file, column by column.
-pub(super) struct Variable {
-    pub(super) name: String,
-    pub(super) height: usize,
-    pub(super) width: usize,
-    pub(super) values: Values,
-}
-
-/// The numbers of a variable.
-pub(super) enum Values {
-    /// They are here.
-    #[cfg_attr(
-        not(feature = "matlab"),
-        expect(dead_code, reason = "no format has them")
-    )]
-    Read(Vec<f64>),
-    /// They are read when they are asked for.
-    #[cfg(feature = "matlab")]
-    Stored(Box<hdf5_pure::Dataset>),
 }
 
 /// How files of other programs begin, and the command that converts them.
@@ -253,21 +233,6 @@ impl<'a> Source<'a> {
     }
 }
 
-impl Values {
-    /// The numbers, of which there are `count`.
-    #[cfg_attr(
-        not(feature = "matlab"),
-        expect(unused_variables, reason = "they are here")
-    )]
-    fn get(&self, count: usize, numbers_max: usize) -> Result<Cow<'_, [f64]>, String> {
-        match self {
-            Values::Read(values) => Ok(Cow::Borrowed(values)),
-            #[cfg(feature = "matlab")]
-            Values::Stored(dataset) => matlab::stored(dataset, count, numbers_max).map(Cow::Owned),
-        }
-    }
-}
-
 impl<'a> Csv<'a> {
     fn open(
         name: &str,
@@ -442,20 +407,6 @@ impl<'a> Rows<'a> {
     /// The line of the row that was read last.
     fn line(&self) -> usize {
         self.first_line + newlines(&self.text[..self.begin])
-    }
-}
-
-impl Variable {
-    fn is_vector(&self) -> bool {
-        self.height == 1 || self.width == 1
-    }
-
-    fn words(&self) -> String {
-        if self.is_vector() {
-            self.name.clone()
-        } else {
-            format!("{}(:,1) to (:,{})", self.name, self.width)
-        }
     }
 }
 
