@@ -10,6 +10,7 @@ pub mod faults;
 pub mod identify;
 pub mod output;
 pub mod paper;
+mod plausible;
 pub mod record;
 pub mod report;
 pub mod rig;

@@ -24,6 +24,9 @@ struct Cli {
     /// Print results and errors only: no progress, no names of written files
     #[arg(short, long, global = true)]
     quiet: bool,
+    /// Take numbers that cannot be in the units that their names say, with a warning
+    #[arg(long, global = true)]
+    accept: bool,
     /// Colour help and errors
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
     color: ColorChoice,
@@ -132,6 +135,7 @@ fn main() -> ExitCode {
     refuse_options_before_a_command(&mut command, &matches);
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     cmd::set_quiet(cli.quiet);
+    cmd::set_accept(cli.accept);
     #[cfg(feature = "terminal")]
     cmd::interrupt::handle();
     let result = match cli.command {

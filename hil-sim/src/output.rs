@@ -38,10 +38,21 @@ impl NotWritten {
 /// # Errors
 /// The folder does not exist or cannot be written, a link leads nowhere; then nothing has changed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
+    write_atomically_with(path, |out| out.write_all(bytes))
+}
+
+/// As [`write_atomically`], of what `content` writes.
+///
+/// # Errors
+/// As [`write_atomically`], or `content` fails.
+pub(crate) fn write_atomically_with(
+    path: &Path,
+    content: impl Fn(&mut dyn Write) -> std::io::Result<()>,
+) -> Result<(), NotWritten> {
     let write = || {
         if is_stream(path) {
             let mut stream = std::fs::OpenOptions::new().write(true).open(path)?;
-            return stream.write_all(bytes);
+            return content(&mut stream);
         }
         let path = &if path.is_symlink() {
             path.canonicalize()?
@@ -62,7 +73,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), NotWritten> {
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let mut file = builder.tempfile_in(folder)?;
-        file.write_all(bytes)?;
+        content(&mut file)?;
         file.as_file().sync_all()?;
         file.persist(path).map_err(|error| error.error)?;
         Ok(())

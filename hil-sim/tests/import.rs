@@ -7,7 +7,9 @@
 use hil_sim::record::import::{Imported, Map};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, TEMPERATURE_K};
 use proptest::prelude::*;
+use std::io::Write;
 use std::process::Command;
+use std::time::Instant;
 
 const PLAIN_5: &[u8] = include_bytes!("import/plain5.mat");
 const PACKED_5: &[u8] = include_bytes!("import/packed5.mat");
@@ -356,10 +358,120 @@ fn matlab_files_are_read_in_each_version() {
     );
     assert_eq!(
         refused(&field, PLAIN_5),
-        "bench.txt: column `rig.p`: expected one of t_ms, p, data(:,1) to (:,2), n, found none"
+        "bench.txt: column `rig.p`: expected one of t_ms, p, data(:,1) to (:,2), n, s.x, found none"
     );
     let outside = MATLAB.replace("(:,2)", "(:,3)");
     assert!(refused(&outside, V_7_3).contains("column `data(:,3)`: expected one of"));
+}
+
+/// MATLAB 5 bytes of one element.
+fn element(kind: u32, data: &[u8]) -> Vec<u8> {
+    let length = u32::try_from(data.len()).expect("short");
+    let mut bytes = [kind.to_le_bytes(), length.to_le_bytes()].concat();
+    bytes.extend(data);
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    bytes
+}
+
+/// A MATLAB 5 file of 100 kB with a packed variable `t` of twelve million zeros.
+fn packed_zeros() -> Vec<u8> {
+    let rows: u32 = 12_000_000;
+    let parts = [
+        element(6, &[6, 0, 0, 0, 0, 0, 0, 0]),
+        element(5, &[rows.to_le_bytes(), 1_u32.to_le_bytes()].concat()),
+        element(1, b"t"),
+        element(9, &vec![0; 8 * rows as usize]),
+    ];
+    let mut packed = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+    packed
+        .write_all(&element(14, &parts.concat()))
+        .expect("memory");
+    let packed = packed.finish().expect("memory");
+    let mut file = b"MATLAB 5.0".to_vec();
+    file.resize(124, b' ');
+    file.extend([0, 1, b'I', b'M']);
+    file.extend(15_u32.to_le_bytes());
+    file.extend(u32::try_from(packed.len()).expect("short").to_le_bytes());
+    file.extend(packed);
+    file
+}
+
+/// Files of h5py 3 whose groups or links lead back, and one whose 1000 bytes are 8 GB of zeros: see
+/// `make.py`.
+const BACK: &[u8] = include_bytes!("import/back.h5");
+const FILLED: &[u8] = include_bytes!("import/filled.h5");
+const ONE_DIMENSION: &[u8] = include_bytes!("import/one_dimension.h5");
+
+#[test]
+fn small_files_cannot_cost_much() {
+    let begin = Instant::now();
+    for (file, says) in [
+        (
+            &packed_zeros()[..],
+            "expected a MATLAB file, at most 32000000 unpacked bytes",
+        ),
+        (BACK, "expected at most 2000 datasets and groups"),
+        (
+            FILLED,
+            "column `t_ms`: expected at most 4000000 numbers of a file of its size, found",
+        ),
+    ] {
+        let error = refused(MATLAB, file);
+        assert!(error.contains(says), "{error}");
+    }
+    // Without the limits, gigabytes are allocated and written.
+    assert!(begin.elapsed().as_secs_f64() < 30.0);
+}
+
+#[test]
+fn fields_of_structs_and_arrays_of_one_dimension_are_read() {
+    let struct_field = SIMPLE
+        .replace("column = 1", "column = \"t_ms\"")
+        .replace("column = 2", "column = \"s.x\"");
+    for file in [PLAIN_5, PACKED_5] {
+        let record = import(&struct_field, file).record;
+        let expected: Vec<f64> = (0..200).map(|row| 10.0 * f64::from(row)).collect();
+        assert_eq!(record.column(FORCE_N), Some(&expected[..]));
+    }
+    let one_dimension = SIMPLE
+        .replace("column = 1", "column = \"log.t\"")
+        .replace("column = 2", "column = \"log.force\"");
+    let record = import(&one_dimension, ONE_DIMENSION).record;
+    assert_eq!(record.column(FORCE_N), Some(&[0.0, 1.0, 4.0, 9.0][..]));
+}
+
+#[test]
+fn other_formats_are_named_with_the_command_that_converts_them() {
+    for (file, says) in [
+        (
+            &b"PK\x03\x04rest"[..],
+            "`libreoffice --headless --convert-to csv bench.txt`",
+        ),
+        (b"ULog\x01\x12\x35\x01", "`ulog2csv bench.txt`"),
+        (b"\x1f\x8b\x08", "`gunzip bench.txt`"),
+        (b"PAR1", "found Parquet"),
+        (b"SQLite format 3\0", "sqlite3 -header -csv bench.txt"),
+    ] {
+        let error = refused(SIMPLE, file);
+        assert!(error.contains(says), "{error}");
+    }
+}
+
+#[test]
+fn a_damaged_hdf5_file_ends_the_command_in_one_line() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("map.toml"), MATLAB).expect("written");
+    for (file, is_record) in [(V_7_3, true), (FILLED, false), (&V_7_3[..9000], false)] {
+        std::fs::write(folder.path().join("a.mat"), file).expect("written");
+        let output = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+            .current_dir(folder.path())
+            .args(["import", "a.mat", "--map", "map.toml", "--out", "b.csv"])
+            .output()
+            .expect("the command runs");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.success(), is_record, "{error}");
+        assert_eq!(error.lines().count(), usize::from(!is_record), "{error}");
+    }
 }
 
 #[test]
@@ -405,7 +517,7 @@ proptest! {
     /// A damaged file is refused or read; the program never panics.
     #[test]
     fn damaged_matlab_files_cause_no_panic(
-        which in 0..1_usize,
+        which in 0..3_usize,
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         cut in any::<prop::sample::Index>(),
         is_cut in any::<bool>(),

@@ -258,7 +258,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time_s,pressure_ref_pa,contraction\n0,0,7\n",
-        ":2: column `contraction`: expected a number",
+        ": column `contraction`: expected contractions y/L as a ratio",
     ),
     // Milliseconds, microseconds.
     (
@@ -289,7 +289,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time_s,pressure_ref_pa,pressure_pa\n0,1e5,\n0.1,1e5,-2e5\n",
-        ":3: column `pressure_pa`: expected a gauge pressure above vacuum",
+        ": column `pressure_pa`: expected gauge pressures, which fill the muscle",
     ),
     (
         "time_s,pressure_ref_pa,note\n0,1e5,5\" hose\n1,1e5,\"x\n",

@@ -13,7 +13,7 @@ done
 # With a target named, build scripts are not instrumented.
 host=$(rustc -vV | sed -n 's/^host: //p')
 RUSTFLAGS=$flags cargo build --release --target "$host" >&2
-[ $# -gt 0 ] || set -- link settings pipe record mcap rig
+[ $# -gt 0 ] || set -- link settings pipe record mcap rig import
 for name in "$@"; do
     mkdir -p "target/corpus/$name"
     printf '%s: ' "$name"
@@ -21,6 +21,7 @@ for name in "$@"; do
         link | settings | pipe) max_len=256 ;;
         record) max_len=512 ;;
         rig) max_len=1024 ;;
+        import) max_len=20000 ;;
         *) max_len=4096 ;;
     esac
     "target/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \

@@ -27,5 +27,10 @@ fn no_seed_violates_a_property_of_its_target() {
     }
     ran.sort();
     ran.dedup();
-    assert_eq!(ran, ["link", "mcap", "pipe", "record", "rig", "settings"]);
+    assert_eq!(
+        ran,
+        [
+            "import", "link", "mcap", "pipe", "record", "rig", "settings"
+        ]
+    );
 }

@@ -65,13 +65,6 @@ const INTENDED: &[(&[&str], &str)] = &[
         "Preparation calls the thinning and the search for the play, which use its types `Noise` \
          and `Prepared`.",
     ),
-    (
-        &[
-            "hil-sim/src/record/import/matlab.rs",
-            "hil-sim/src/record/import/source.rs",
-        ],
-        "A source calls the MATLAB reader, which returns variables of the source's type.",
-    ),
 ];
 
 /// A module: a file, or an inline module of a file.

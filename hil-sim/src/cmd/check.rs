@@ -4,7 +4,6 @@ use super::Failure;
 use hil_sim::record::Record;
 use hil_sim::record::check::{Check, Finding, Sampling, Signal, Subsystem, check};
 use hil_sim::report::{Report, Section, Table};
-use hil_sim::rig::Rig;
 use muscle_plant::effects::Catalogue;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -45,8 +44,13 @@ struct Summary<'a> {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let record = Record::read(&args.record)?;
     record.check_names()?;
-    let rig = args.rig.as_deref().map(Rig::read).transpose()?;
-    let check = check(&record);
+    let rig = args.rig.as_deref().map(super::read_rig).transpose()?;
+    let mut check = check(&record);
+    let doubted = check.units(&record, rig.as_ref());
+    match super::accepts() {
+        true => check.warnings.extend(doubted),
+        false => check.errors.extend(doubted),
+    }
     let blocks = check.subsystems(&Catalogue::standard(), rig.as_ref());
     if args.json {
         super::print_json(&Summary {

@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             return Err(BadInput::file(path.display().to_string(), expected).into());
         }
     }
-    let rig = Rig::read(&args.rig)?;
+    let rig = super::read_rig(&args.rig)?;
     let board = match &args.settings {
         Some(file) => *settings_file::read(file)?.values(),
         None => SettingsValues::reference(),

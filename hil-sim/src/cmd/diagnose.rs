@@ -8,6 +8,7 @@ use hil_sim::identify::provenance::{Input, with_provenance};
 use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
+use hil_sim::record::check::check;
 use hil_sim::rig::Rig;
 use model_discrepancy::verdict::Step;
 use muscle_plant::effects::Catalogue;
@@ -59,15 +60,33 @@ fn effect(name: &str) -> Result<String, String> {
 }
 
 /// The records at `paths`, and what the fitted rig says of their files.
-fn read(paths: &[PathBuf]) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
+fn read(paths: &[PathBuf], rig: &Rig) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
     let read = paths.iter().map(|path| {
         // Once: a pipe cannot be read again.
         let bytes = Record::read_bytes(path)?;
         let record = Record::parse(&path.display().to_string(), &bytes)?;
-        record.check_names()?;
+        super::check_record(&record, Some(rig))?;
         Ok((record, Input::new(path, &bytes)))
     });
     read.collect()
+}
+
+/// What was accepted although it cannot be in the unit that its name says, as warnings.
+fn in_doubt<'a>(
+    rig: &'a Rig,
+    records: impl Iterator<Item = &'a Record> + 'a,
+) -> impl Iterator<Item = String> + 'a {
+    let of_rig = rig.check_units().err().into_iter();
+    let of_records = records.flat_map(|record| {
+        let doubted = check(record).units(record, Some(rig));
+        doubted
+            .into_iter()
+            .map(|finding| finding.refusal(record))
+            .collect::<Vec<_>>()
+    });
+    of_rig
+        .chain(of_records)
+        .map(|error| format!("accepted: {error}"))
 }
 
 /// What is expected of a rig without tolerances.
@@ -84,8 +103,9 @@ fn untold(path: &Path) -> String {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let text = Rig::read_text(&args.rig)?;
     let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
-    let (fit, fit_inputs) = read(&args.fit)?;
-    let (validate, validate_inputs) = read(&args.validate)?;
+    super::accepted(rig.check_units())?;
+    let (fit, fit_inputs) = read(&args.fit, &rig)?;
+    let (validate, validate_inputs) = read(&args.validate, &rig)?;
     for path in &args.validate {
         if args.fit.iter().any(|fitted| same_file(fitted, path)) {
             let file = path.display().to_string();
@@ -126,6 +146,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let words = "the rig has no tolerances: the verdict rests on its values being exact";
         diagnosed.diagnosis.warnings.push(words.into());
     }
+    diagnosed
+        .diagnosis
+        .warnings
+        .extend(in_doubt(&rig, fit.iter().chain(&validate)));
     let rewritten = diagnosed.fitted.rewritten(&text);
     let rewritten = with_provenance(
         &rewritten.map_err(|error| rig.bad_file(&error.to_string()))?,

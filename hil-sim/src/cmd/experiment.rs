@@ -5,7 +5,6 @@ use super::between;
 use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
-use hil_sim::rig::Rig;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -65,7 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let expected = "an output that is not an input too";
         return Err(BadInput::file(args.out.display().to_string(), expected).into());
     }
-    let mut limits = Limits::of(&Rig::read(&args.rig)?, args.contraction_max)?;
+    let mut limits = Limits::of(&super::read_rig(&args.rig)?, args.contraction_max)?;
     limits.rate_pa_per_s_max = args.rate_max;
     let parts: &[Part] = match &args.part[..] {
         [] => &Part::DEFAULT,

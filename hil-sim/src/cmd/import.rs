@@ -7,7 +7,7 @@ use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::report::{Report, Section, Table};
 use std::path::PathBuf;
 
-/// Convert a CSV or MATLAB file with other names and units into a record
+/// Convert a CSV, MATLAB or HDF5 file with other names and units into a record
 ///
 /// The mapping file assigns the columns and their units. Prints the number of rows, the
 /// conversions, the ranges, and times that do not increase.
@@ -16,14 +16,23 @@ use std::path::PathBuf;
 Examples:
   hil-sim import --example > map.toml
   hil-sim import bench.txt --map map.toml --out bench.csv
-  hil-sim import bench.mat --map map.toml --out bench.csv --json")]
+  hil-sim import bench.mat --map map.toml --out bench.csv --json
+  hil-sim import bar.csv --unit pressure_pa=bar --unit contraction=1,scale=-1 --out si.csv")]
 pub struct Args {
-    /// The file to convert: CSV, or MATLAB's .mat
+    /// The file to convert: CSV, MATLAB's .mat, or HDF5
     #[arg(value_name = "FILE", required_unless_present = "example")]
     file: Option<PathBuf>,
     /// The mapping file
-    #[arg(long, value_name = "MAP.toml", required_unless_present = "example")]
+    #[arg(long, value_name = "MAP.toml", required_unless_present_any = ["example", "unit"])]
     map: Option<PathBuf>,
+    /// Of a file whose columns already have a record's names: the unit of one of them, and what its
+    /// cells are multiplied by and what is added; may be given more than once
+    #[arg(
+        long,
+        value_name = "COLUMN=UNIT[,scale=S][,offset=O]",
+        conflicts_with = "map"
+    )]
+    unit: Vec<String>,
     /// The record to write
     #[arg(long, value_name = "REC.csv", required_unless_present = "example")]
     out: Option<PathBuf>,
@@ -37,19 +46,30 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // clap requires all three without --example.
-    let (Some(file), Some(map), Some(out)) = (&args.file, &args.map, &args.out) else {
+    // clap requires both without --example, and a mapping or units.
+    let (Some(file), Some(out)) = (&args.file, &args.out) else {
         super::print(Map::EXAMPLE_TOML)?;
         return Ok(());
     };
-    if same_file(out, file) || same_file(out, map) {
+    if same_file(out, file) || args.map.as_ref().is_some_and(|map| same_file(out, map)) {
         let expected = "an output that is not an input too";
         return Err(BadInput::file(out.display().to_string(), expected).into());
     }
-    let map = Map::read(map)?;
+    let map = args.map.as_deref().map(Map::read).transpose()?;
     let name = file.display().to_string();
     let bytes = std::fs::read(file)
         .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    let map = match map {
+        Some(map) => map,
+        None => Map::of_record(&name, &bytes, &args.unit)?,
+    };
+    #[cfg(all(unix, feature = "matlab"))]
+    if hil_sim::record::import::is_hdf5(&bytes) {
+        if bounded::is_parent() {
+            return bounded::run(&name, bytes.len());
+        }
+        bounded::limit(bytes.len() as u64);
+    }
     let imported = map.import(&name, &bytes)?;
     imported.record.write(out)?;
     if args.json {
@@ -58,6 +78,76 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         super::print(&report(name, &imported.summary).to_text())?;
     }
     Ok(())
+}
+
+/// The import in a child process whose memory and time are limited.
+///
+/// A crate reads HDF5. What it allocates for a damaged file is not in this program's hands.
+#[cfg(all(unix, feature = "matlab"))]
+mod bounded {
+    use super::{BadInput, Failure};
+    use rustix::process::{Resource, Rlimit, setrlimit};
+    use std::process::{Command, Stdio};
+
+    /// Set for the child.
+    const CHILD: &str = "HIL_SIM_IMPORT_CHILD";
+    /// What any import may take, and what it may take for each byte of the file: the numbers that
+    /// [`hil_sim::record::import`] reads at most, their copies, and the program itself.
+    const MEMORY_BYTES: u64 = 180_000_000;
+    const MEMORY_PER_BYTE: u64 = 100;
+    /// The same of processor time \[s\].
+    const TIME_S: u64 = 2;
+    const BYTES_PER_S: u64 = 2_000_000;
+
+    pub fn is_parent() -> bool {
+        std::env::var_os(CHILD).is_none()
+    }
+
+    /// Limits the memory and the time of this process, the child, for a file of that size.
+    pub fn limit(file_bytes: u64) {
+        let limit = |resource, most| {
+            let most = Some(most);
+            let limits = Rlimit {
+                current: most,
+                maximum: most,
+            };
+            // Without limits the file is read all the same.
+            let _ = setrlimit(resource, limits);
+        };
+        let memory = MEMORY_BYTES.saturating_add(file_bytes.saturating_mul(MEMORY_PER_BYTE));
+        limit(Resource::As, memory);
+        limit(Resource::Cpu, TIME_S + file_bytes / BYTES_PER_S);
+    }
+
+    /// Runs this command again as a child, and passes on what it prints and returns.
+    pub fn run(file: &str, file_bytes: usize) -> Result<(), Failure> {
+        let program = std::env::current_exe();
+        let child = program.and_then(|program| {
+            Command::new(program)
+                .args(std::env::args_os().skip(1))
+                .env(CHILD, "")
+                .stdin(Stdio::null())
+                .stdout(Stdio::inherit())
+                .stderr(Stdio::piped())
+                .output()
+        });
+        let child = child
+            .map_err(|error| BadInput::file(file, format!("a process to read it in, {error}")))?;
+        let Some(status) = child.status.code() else {
+            let expected = format!(
+                "an HDF5 file that can be read within {} MB, found none: it is damaged, or made to \
+                 hurt",
+                (MEMORY_BYTES + file_bytes as u64 * MEMORY_PER_BYTE) / 1_000_000
+            );
+            return Err(BadInput::file(file, expected).into());
+        };
+        eprint!("{}", String::from_utf8_lossy(&child.stderr));
+        match status {
+            0 => Ok(()),
+            // It has said why.
+            status => std::process::exit(status),
+        }
+    }
 }
 
 fn report(title: String, summary: &Summary) -> Report {

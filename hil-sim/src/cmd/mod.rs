@@ -26,11 +26,13 @@ pub mod simulate;
 
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, write_atomically};
+use hil_sim::record::Record;
+use hil_sim::record::check::{check, refuse_units};
 use hil_sim::report::Report;
 use hil_sim::rig::Rig;
 use progress::Progress;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Why a command ended early.
@@ -46,6 +48,49 @@ pub fn set_quiet(quiet: bool) {
 
 fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
+}
+
+/// Whether numbers that cannot be in the units that their names say are taken as they are.
+static ACCEPT: AtomicBool = AtomicBool::new(false);
+
+/// Takes or refuses numbers that cannot be in the units that their names say.
+pub fn set_accept(accept: bool) {
+    ACCEPT.store(accept, Ordering::Relaxed);
+}
+
+fn accepts() -> bool {
+    ACCEPT.load(Ordering::Relaxed)
+}
+
+/// Lets an error about units pass as a warning if such numbers are to be accepted.
+fn accepted(checked: Result<(), BadInput>) -> Result<(), BadInput> {
+    match checked {
+        Err(error) if accepts() => {
+            eprintln!("hil-sim: warning: {error}");
+            Ok(())
+        }
+        checked => checked,
+    }
+}
+
+/// Reads the rig at `path` and checks the units of its values.
+fn read_rig(path: &Path) -> Result<Rig, BadInput> {
+    let rig = Rig::read(path)?;
+    accepted(rig.check_units())?;
+    Ok(rig)
+}
+
+/// Reads the record at `path` and checks the names and units of its columns.
+fn read_record(path: &Path, rig: Option<&Rig>) -> Result<Record, BadInput> {
+    let record = Record::read(path)?;
+    check_record(&record, rig)?;
+    Ok(record)
+}
+
+/// Checks the names and units of a record's columns; warns of units that are accepted.
+fn check_record(record: &Record, rig: Option<&Rig>) -> Result<(), BadInput> {
+    record.check_names()?;
+    accepted(refuse_units(&check(record).units(record, rig), record))
 }
 
 /// Prints a note beside the results to stderr.
@@ -69,7 +114,7 @@ impl Common {
     fn rig(&self) -> Result<Rig, BadInput> {
         self.rig
             .as_deref()
-            .map_or_else(|| Ok(Rig::reference()), Rig::read)
+            .map_or_else(|| Ok(Rig::reference()), read_rig)
     }
 
     /// The rig as records name it: its file, or the paper's.

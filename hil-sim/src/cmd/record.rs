@@ -13,10 +13,8 @@ use hil_sim::bench::recorder::{Recorder, Timeline};
 use hil_sim::bench::view::View;
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
-use hil_sim::record::Record;
 use hil_sim::record::columns::Row;
 use hil_sim::record::mcap::Origin;
-use hil_sim::rig::Rig;
 use model_core::device::Command;
 use model_core::error::SettingsError;
 use model_core::io::Request;
@@ -141,7 +139,10 @@ impl std::fmt::Display for TimingSummary {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     check_name(args)?;
-    let drive = args.play.as_deref().map(Record::read).transpose()?;
+    let play = args.play.as_deref();
+    let drive = play
+        .map(|path| super::read_record(path, None))
+        .transpose()?;
     let mut player = drive.as_ref().map(Player::new).transpose()?;
     if let (Some(rig), Some(player)) = (&args.emulated, &player) {
         return in_the_loop(args, rig, player);
@@ -300,7 +301,7 @@ fn playing(port: &str, values: SettingsValues) -> Result<Settings, BadInput> {
 
 /// Plays on the emulated board in closed loop with the plant of the rig at `path`.
 fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure> {
-    let rig = Rig::read(path)?;
+    let rig = super::read_rig(path)?;
     let mut board = connect(None)?;
     let words = describe(&board.identity);
     super::note(format_args!("board: {words}"));

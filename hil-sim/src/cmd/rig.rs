@@ -193,10 +193,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
         Command::Tolerances { path } => {
-            let text = Rig::read_text(path)?;
-            let rig = Rig::parse(&path.display().to_string(), &text)?;
+            let rig = super::read_rig(path)?;
             // Also if the tables are empty: TOML does not allow a second one of the same name.
-            let table = text.parse::<toml_edit::DocumentMut>();
+            let table = Rig::read_text(path)?.parse::<toml_edit::DocumentMut>();
             if table.is_ok_and(|table| table.contains_key("tolerance")) {
                 let expected = "a rig without [tolerance.*] tables, which it has (remove them)";
                 return Err(rig.bad_file(expected).into());
@@ -204,7 +203,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             super::print(&format!("\n{}", default_tolerances(&rig)))?;
         }
         Command::Check { path, json } => {
-            let rig = Rig::read(path)?;
+            let rig = super::read_rig(path)?;
             if *json {
                 let effects = rig.effects.iter().map(|effect| effect.kind.name);
                 let effects = effects.collect();

@@ -11,7 +11,7 @@ use hil_sim::bench::tracking::Tracking;
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
 use hil_sim::paper::both_valves;
-use hil_sim::record::{FINGER_M, Record};
+use hil_sim::record::FINGER_M;
 use hil_sim::report::{Report, Section};
 use hil_sim::rig::Rig;
 use serde::Serialize;
@@ -110,7 +110,7 @@ impl Scenario {
                 (finger, CHECKED_S + self.rise + self.hold + self.lower + 1.0)
             }
             Some(path) => {
-                let recorded = Record::read(path)?;
+                let recorded = super::read_record(path, None)?;
                 let path = recorded.require(FINGER_M)?.iter().zip(recorded.time_s());
                 let present = path.filter(|(finger_m, _)| !finger_m.is_nan());
                 let (finger_m, time_s): (Vec<f64>, Vec<f64>) = present.unzip();

@@ -6,8 +6,6 @@ use hil_sim::error::BadInput;
 use hil_sim::identify::gap;
 use hil_sim::identify::simulate::{self, simulate_with};
 use hil_sim::output::{same_file, write_atomically};
-use hil_sim::record::Record;
-use hil_sim::rig::Rig;
 use muscle_plant::simulation::TOLERANCE;
 use std::path::{Path, PathBuf};
 
@@ -70,9 +68,8 @@ fn check_outputs(args: &Args) -> Result<(), BadInput> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let rig = Rig::read(&args.rig)?;
-    let record = Record::read(&args.drive)?;
-    record.check_names()?;
+    let rig = super::read_rig(&args.rig)?;
+    let record = super::read_record(&args.drive, Some(&rig))?;
     check_outputs(args)?;
     let simulated = {
         let progress = Progress::new("simulating", record.time_s().len() as u64);

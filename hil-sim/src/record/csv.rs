@@ -3,7 +3,8 @@
 use super::misnamed::misnamed_time;
 use super::{Cells, KNOWN, PRESSURE_REF_PA, Record, TIME_S, in_range};
 use crate::error::BadInput;
-use crate::output::{NotWritten, write_atomically};
+use crate::output::{NotWritten, write_atomically_with};
+use std::io::Write;
 use std::path::Path;
 
 /// The longest time between two rows, and from the first to the last \[s\]. Longer times are most
@@ -109,6 +110,17 @@ impl Record {
         Ok(())
     }
 
+    /// Makes the checks of [`Record::parse`] that concern several rows, of a record with rising
+    /// times that was imported from `file`.
+    pub(super) fn check_times_and_reference(&mut self, file: &str) -> Result<(), BadInput> {
+        self.file = file.into();
+        let first_s = self.time_s[0];
+        for pair in self.time_s.windows(2) {
+            within_limits(first_s, pair[0], pair[1]).map_err(|why| self.bad(TIME_S, &why))?;
+        }
+        self.check_first_reference()
+    }
+
     /// Refuses a reference without a value in the first row.
     fn check_first_reference(&self) -> Result<(), BadInput> {
         match self.column(PRESSURE_REF_PA) {
@@ -140,16 +152,8 @@ impl Record {
                     if time_s < before_s {
                         return Err(bad(TIME_S, not_after(before_s, time_s)));
                     }
-                    if first_s.is_some() && time_s - before_s > GAP_S_MAX {
-                        let why = format!(
-                            "seconds, at most {GAP_S_MAX} from row to row, found {before_s} and \
-                             then {time_s}"
-                        );
-                        return Err(bad(TIME_S, why));
-                    }
-                    if first_s.is_some_and(|first_s| time_s - first_s > LENGTH_S_MAX) {
-                        let why = format!("seconds, at most {LENGTH_S_MAX} in all, found more");
-                        return Err(bad(TIME_S, why));
+                    if let Some(first_s) = first_s {
+                        within_limits(first_s, before_s, time_s).map_err(|why| bad(TIME_S, why))?;
                     }
                     self.time_s.push(time_s);
                 }
@@ -165,30 +169,34 @@ impl Record {
 
     /// The record as CSV: the shortest decimals that read back as the same numbers.
     pub fn to_csv(&self) -> Vec<u8> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
+        let mut bytes = Vec::new();
+        // Writing to memory cannot fail.
+        let _ = self.write_csv(&mut bytes);
+        bytes
+    }
+
+    fn write_csv(&self, out: impl Write) -> std::io::Result<()> {
+        let mut writer = csv::Writer::from_writer(out);
         let names = self.columns.iter().map(|column| match column {
             None => TIME_S,
             Some((name, _)) => name,
         });
-        let mut text = String::new();
-        let mut rows = csv::StringRecord::from_iter(names);
-        // Writing to memory cannot fail.
-        let _ = writer.write_record(&rows);
+        writer.write_record(names)?;
+        let mut text = Vec::new();
         for (row, time_s) in self.time_s.iter().enumerate() {
-            rows.clear();
             for column in &self.columns {
                 text.clear();
                 match column {
-                    None => text.push_str(&time_s.to_string()),
+                    None => push(&mut text, *time_s)?,
                     Some((_, Cells::Numbers(values))) if values[row].is_nan() => {}
-                    Some((_, Cells::Numbers(values))) => text.push_str(&values[row].to_string()),
-                    Some((_, Cells::Text(values))) => text.push_str(&values[row]),
+                    Some((_, Cells::Numbers(values))) => push(&mut text, values[row])?,
+                    Some((_, Cells::Text(values))) => text.extend(values[row].as_bytes()),
                 }
-                rows.push_field(&text);
+                writer.write_field(&text)?;
             }
-            let _ = writer.write_record(&rows);
+            writer.write_record(None::<&[u8]>)?;
         }
-        writer.into_inner().unwrap_or_default()
+        writer.flush()
     }
 
     /// Writes the record to `path` atomically.
@@ -196,8 +204,36 @@ impl Record {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), NotWritten> {
-        write_atomically(path, &self.to_csv())
+        write_atomically_with(path, |out| self.write_csv(out))
     }
+}
+
+/// Appends the shortest decimal that reads back as `value`.
+fn push(text: &mut Vec<u8>, value: f64) -> std::io::Result<()> {
+    // Whole numbers have the same digits as integers, which are written several times faster.
+    let whole = value as i64;
+    if whole as f64 == value && whole != 0 && whole.unsigned_abs() < 1 << 53 {
+        write!(text, "{whole}")
+    } else {
+        write!(text, "{value}")
+    }
+}
+
+/// Refuses a time too long after the row before or the first one.
+fn within_limits(first_s: f64, before_s: f64, time_s: f64) -> Result<(), String> {
+    if time_s - before_s > GAP_S_MAX {
+        return Err(format!(
+            "seconds, at most {GAP_S_MAX} from row to row, found {before_s} and then {time_s} (in \
+             ms or us? `hil-sim import --unit time_s=ms` converts them)"
+        ));
+    }
+    if time_s - first_s > LENGTH_S_MAX {
+        return Err(format!(
+            "seconds, at most {LENGTH_S_MAX} in all, found more (in ms or us? `hil-sim import \
+             --unit time_s=ms` converts them)"
+        ));
+    }
+    Ok(())
 }
 
 /// The columns of a header, empty.

@@ -72,12 +72,13 @@ pub const LINK_PER_MILLE: &str = "link_per_mille";
 /// hexadecimal digits.
 pub const SETTINGS: &str = "settings";
 
-/// The known columns and the range of values that they can have on any rig of this kind.
+/// The known columns and the range of values that they can have on any rig of this kind. Numbers in
+/// other units of the trade, such as contractions in mm, are within: [`check`] names the unit.
 const KNOWN: [(&str, f64, f64); 21] = [
     (TIME_S, -1e12, 1e12),
     (PRESSURE_REF_PA, -1e8, 1e8),
     (PRESSURE_PA, -1e8, 1e8),
-    (CONTRACTION, -1.0, 1.0),
+    (CONTRACTION, -1e4, 1e4),
     (FORCE_N, -1e6, 1e6),
     (FINGER_M, -100.0, 100.0),
     (INPUT_FORCE_N, -1e6, 1e6),
@@ -131,6 +132,11 @@ impl Record {
             time_s,
             columns: vec![None],
         }
+    }
+
+    /// Name of the file that it was read from.
+    pub fn file(&self) -> &str {
+        &self.file
     }
 
     /// Times of the samples \[s\], rising. Of two rows with the same time in the file, the second

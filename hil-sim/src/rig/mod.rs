@@ -3,6 +3,7 @@
 mod edit;
 mod keys;
 mod read;
+mod units;
 
 pub use edit::{effect_toml, set_numbers};
 pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances};

@@ -1,6 +1,7 @@
 //! Reading a rig file: TOML with the line of each key.
 
 use super::keys::{self, Key};
+use super::units::likely_unit;
 use super::{Rig, Tolerance};
 use crate::error::{BadInput, did_you_mean, one_of};
 use model_core::assist::Assist;
@@ -102,11 +103,8 @@ impl<'a> Section<'a> {
         let Some(item) = self.table.get(key) else {
             return Ok(None);
         };
-        let value = match item {
-            Item::Value(Value::Float(value)) => *value.value(),
-            Item::Value(Value::Integer(value)) => *value.value() as f64,
-            other => return Err(self.bad(key, format!("a number, found {}", kind_of(other)))),
-        };
+        let value = number_of(item)
+            .ok_or_else(|| self.bad(key, format!("a number, found {}", kind_of(item))))?;
         if value >= min && value <= max {
             return Ok(Some(value));
         }
@@ -118,7 +116,14 @@ impl<'a> Section<'a> {
 
     /// The number at `key`, if the table has it.
     fn optional_number(&self, key: &Key) -> Result<Option<f64>, BadInput> {
-        self.optional(key.name, key.min, key.max)
+        let found = self.table.get(key.name).and_then(number_of);
+        self.optional(key.name, key.min, key.max).map_err(|error| {
+            let likely = found.map(|value| likely_unit(key, value));
+            BadInput {
+                expected: error.expected + &likely.unwrap_or_default(),
+                ..error
+            }
+        })
     }
 
     /// The number at `key`.
@@ -150,6 +155,15 @@ impl<'a> Section<'a> {
                 })),
             },
         }
+    }
+}
+
+/// The number that `item` is.
+fn number_of(item: &Item) -> Option<f64> {
+    match item {
+        Item::Value(Value::Float(value)) => Some(*value.value()),
+        Item::Value(Value::Integer(value)) => Some(*value.value() as f64),
+        _ => None,
     }
 }
 

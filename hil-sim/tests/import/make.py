@@ -39,3 +39,14 @@ with h5py.File("v73.mat", "w", userblock_size=512) as file:
 header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 ."
 with open("v73.mat", "r+b") as file:
     file.write(header.ljust(116) + b" " * 8 + b"\x00\x02IM")
+
+# Links that lead back, and values that are nowhere.
+with h5py.File("back.h5", "w") as file:
+    group = file.create_group("a")
+    group["root"] = file["/"]
+    group["own"] = group
+with h5py.File("filled.h5", "w") as file:
+    file.create_dataset("t_ms", (1, 1_000_000_000), dtype="f8", chunks=(1, 1000), fillvalue=1.0)
+with h5py.File("one_dimension.h5", "w") as file:
+    file["log/t"] = np.arange(4.0)
+    file["log/force"] = np.arange(4, dtype=np.int16) ** 2

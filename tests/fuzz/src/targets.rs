@@ -4,6 +4,7 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 use hil_sim::bench::port::emulated::answer;
 use hil_sim::record::Record;
+use hil_sim::record::import::Map;
 use hil_sim::rig::Rig;
 use model_core::device::{Device, Pins, Tick};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, ToDevice, encode};
@@ -16,6 +17,7 @@ use serde::ser::{Serialize, SerializeTuple, Serializer};
 /// The target of that name.
 pub fn target(name: &str) -> Option<fn(&[u8])> {
     match name {
+        "import" => Some(import),
         "link" => Some(link),
         "mcap" => Some(mcap),
         "pipe" => Some(pipe),
@@ -132,6 +134,34 @@ pub fn record(bytes: &[u8]) {
         Err(bad) => assert_eq!(bad.to_string().lines().count(), 1),
     }
 }
+
+/// Files of other programs, read with the mapping that their first byte chooses: a record, which is
+/// read again, or one line that says what is wrong.
+pub fn import(bytes: &[u8]) {
+    let Some((choice, file)) = bytes.split_first() else {
+        return;
+    };
+    let map = &IMPORT_MAPS[usize::from(*choice) % IMPORT_MAPS.len()];
+    let map = Map::parse("map.toml", map).expect("a mapping");
+    match map.import("file", file) {
+        Ok(imported) => {
+            let written = imported.record.to_csv();
+            let again = Record::parse("again.csv", &written).expect("it was written");
+            assert_eq!(again.time_s(), imported.record.time_s());
+        }
+        Err(bad) => assert_eq!(bad.to_string().lines().count(), 1),
+    }
+}
+
+/// Of MATLAB's variables, of the example, and of a CSV file whose clock restarts.
+const IMPORT_MAPS: [&str; 3] = [
+    "[time]\ncolumn = \"t_ms\"\nunit = \"ms\"\n[columns.pressure_pa]\ncolumn = \"p\"\nunit = \"bar\"\n\
+     [columns.contraction]\ncolumn = \"data(:,2)\"\nunit = \"%\"\n\
+     [columns.force_n]\ncolumn = \"s.x\"\nunit = \"N\"\n",
+    Map::EXAMPLE_TOML,
+    "[time]\ncolumn = 1\nunit = \"s\"\nrepeated = \"spread\"\nrestarted = \"continue\"\n\
+     [columns.force_n]\ncolumn = 2\nunit = \"N\"\n",
+];
 
 /// The same as MCAP.
 pub fn mcap(bytes: &[u8]) {

@@ -5,8 +5,10 @@
 //! (see the catalogue, [`muscle_plant::effects`]), or from what is visible in a plot.
 
 mod signal;
+mod units;
 
 pub use signal::Signal;
+pub use units::refuse_units;
 
 use crate::error::BadInput;
 use crate::record::{
@@ -115,6 +117,18 @@ pub enum Finding {
         value: f64,
         /// A column that changes.
         while_moves: &'static str,
+    },
+    /// Error: numbers that cannot be in the unit that the column's name says.
+    #[error("`{signal}`: expected {expected}{}; `{command}` converts it", most_likely(.likely))]
+    Unit {
+        /// The column.
+        signal: &'static str,
+        /// What was expected, and what was found.
+        expected: String,
+        /// The likely unit; empty if there is none.
+        likely: String,
+        /// The command that converts the record.
+        command: String,
     },
     /// Gaps between rows.
     #[error("gaps: {count}, the first at {first_s} s, the longest {longest_s:.4} s")]
@@ -482,6 +496,14 @@ impl Check {
     }
 }
 
+/// The likely unit, at the end of a sentence.
+fn most_likely(unit: &str) -> String {
+    match unit {
+        "" => String::new(),
+        unit => format!(", most likely {unit}"),
+    }
+}
+
 impl Finding {
     /// The finding as bad input of `record`, with the place and what was expected.
     pub fn refusal(&self, record: &Record) -> BadInput {
@@ -507,6 +529,12 @@ impl Finding {
                 signal,
                 &format!("samples that change, as `{while_moves}` does, found {value} throughout"),
             ),
+            Finding::Unit {
+                signal,
+                expected,
+                likely,
+                ..
+            } => record.bad(signal, &(expected.clone() + &most_likely(likely))),
             warning => file(format!("a record without this: {warning}")),
         }
     }

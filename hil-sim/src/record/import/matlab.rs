@@ -1,8 +1,27 @@
 //! Variables of MATLAB files, with the feature `matlab`.
+//!
+//! What a small file can cost is bounded: it may state any size, unpack to a thousand times its own,
+//! and link to itself.
+
+mod version_5;
 
 use super::BadInput;
-use super::source::Variable;
-use matfile::{MatFile, NumericData};
+use super::variable::{Values, Variable};
+use hdf5_pure::{DType, Group};
+
+/// Numbers that a file may have for each of its bytes, and that any may have. Measured signals pack
+/// to half a byte at best, and 32 MB are no burden.
+const NUMBERS_PER_BYTE: usize = 4;
+const NUMBERS: usize = 4_000_000;
+/// Datasets and groups of one HDF5 file, and groups within each other: files of data loggers have
+/// hundreds and three, links back to a group have no end.
+const OBJECTS_MAX: usize = 2_000;
+const DEPTH_MAX: usize = 8;
+
+/// How many numbers are read at most from a file of `length` bytes.
+pub(super) fn numbers_max(length: usize) -> usize {
+    NUMBERS.max(length.saturating_mul(NUMBERS_PER_BYTE))
+}
 
 /// The variables of the file `name` and its format; `None` if the bytes are not of MATLAB.
 ///
@@ -15,89 +34,61 @@ pub(super) fn read(
     if hdf5_pure::is_hdf5_bytes(bytes) {
         Ok(Some((version_7(name, bytes)?, "MATLAB 7.3")))
     } else if bytes.starts_with(b"MATLAB 5.0") {
-        Ok(Some((version_5(name, bytes)?, "MATLAB 5")))
+        let variables = version_5::read(bytes, numbers_max(bytes.len()));
+        let variables = variables
+            .map_err(|expected| BadInput::file(name, format!("a MATLAB file, {expected}")))?;
+        Ok(Some((variables, "MATLAB 5")))
     } else {
         Ok(None)
     }
 }
 
-/// The numeric arrays of a MATLAB file of version 5 to 7.
-fn version_5(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
-    let file = MatFile::parse(bytes)
-        .map_err(|error| BadInput::file(name, format!("a MATLAB file, {error}")))?;
-    let arrays = file.arrays().iter().filter(|array| array.size().len() == 2);
-    let variables = arrays.map(|array| Variable {
-        name: array.name().into(),
-        height: array.size()[0],
-        width: array.size()[1],
-        values: numbers(array.data()),
-    });
-    Ok(variables.collect())
-}
-
-fn numbers(data: &NumericData) -> Vec<f64> {
-    // Measured values are exact in 53 bits.
-    macro_rules! to_f64 {
-        ($real:ident) => {
-            $real.iter().map(|value| *value as f64).collect()
-        };
-    }
-    match data {
-        NumericData::Int8 { real, .. } => to_f64!(real),
-        NumericData::UInt8 { real, .. } => to_f64!(real),
-        NumericData::Int16 { real, .. } => to_f64!(real),
-        NumericData::UInt16 { real, .. } => to_f64!(real),
-        NumericData::Int32 { real, .. } => to_f64!(real),
-        NumericData::UInt32 { real, .. } => to_f64!(real),
-        NumericData::Int64 { real, .. } => to_f64!(real),
-        NumericData::UInt64 { real, .. } => to_f64!(real),
-        NumericData::Single { real, .. } => to_f64!(real),
-        NumericData::Double { real, .. } => real.clone(),
-    }
-}
-
-/// Largest compression ratio of deflate.
-const PACKED_MAX: u64 = 1032;
-
-/// The numeric arrays of a MATLAB file of version 7.3, which is HDF5 with a group for each struct.
-/// A field of a struct is named `struct.field`.
+/// The numeric arrays of a MATLAB file of version 7.3, which is HDF5 with a group for each struct,
+/// or of another HDF5 file. A field of a struct is named `struct.field`. Their values are read when
+/// they are asked for.
 fn version_7(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
     let bad = |error: hdf5_pure::Error| BadInput::file(name, format!("an HDF5 file, {error}"));
     let file = hdf5_pure::File::from_bytes(bytes.to_vec()).map_err(bad)?;
-    let mut variables = Vec::new();
-    let mut groups = vec![(String::new(), file.root())];
-    while let Some((prefix, group)) = groups.pop() {
-        for found in group.datasets().map_err(bad)? {
-            let dataset = group.dataset(&found).map_err(bad)?;
-            let shape = dataset.shape().map_err(bad)?;
-            // Rows and columns are exchanged: MATLAB stores arrays by columns.
-            let [width, height] = shape[..] else {
-                continue;
-            };
-            // A damaged file may claim any size, for which memory would be allocated.
-            let size = width.saturating_mul(height);
-            if size > PACKED_MAX.saturating_mul(bytes.len() as u64) {
-                let expected =
-                    format!("at most as many numbers as fit in it, found {size} in `{found}`");
-                return Err(BadInput::file(name, expected));
-            }
-            let Ok(values) = dataset.read_f64() else {
-                continue;
-            };
-            variables.push(Variable {
-                name: format!("{prefix}{found}"),
-                height: height as usize,
-                width: width as usize,
-                values,
-            });
+    let (mut variables, mut objects) = (Vec::new(), 0);
+    let mut groups: Vec<(String, Group, usize)> = vec![(String::new(), file.root(), 0)];
+    while let Some((prefix, group, depth)) = groups.pop() {
+        let datasets = group.iter_datasets().map_err(bad)?;
+        objects += 1 + datasets.len();
+        if objects > OBJECTS_MAX || depth > DEPTH_MAX {
+            let expected = format!(
+                "at most {OBJECTS_MAX} datasets and groups, {DEPTH_MAX} deep, found more: do groups \
+                 link back to others?"
+            );
+            return Err(BadInput::file(name, expected));
         }
-        for found in group.groups().map_err(bad)? {
+        for (found, dataset) in datasets {
+            // MATLAB stores arrays by columns: rows and columns are exchanged.
+            let (height, width) = match dataset.shape().map_err(bad)?[..] {
+                [rows] => (rows, 1),
+                [width, height] => (height, width),
+                _ => continue,
+            };
+            if is_number(&dataset) {
+                variables.push(Variable {
+                    name: format!("{prefix}{found}"),
+                    height: usize::try_from(height).unwrap_or(usize::MAX),
+                    width: usize::try_from(width).unwrap_or(usize::MAX),
+                    values: Values::Stored(Box::new(dataset)),
+                });
+            }
+        }
+        for (found, inner) in group.iter_groups().map_err(bad)? {
             // MATLAB stores the contents of cell arrays in groups whose names begin with `#`.
             if !found.starts_with('#') {
-                let inner = group.group(&found).map_err(bad)?;
-                groups.push((format!("{prefix}{found}."), inner));
+                groups.push((format!("{prefix}{found}."), inner, depth + 1));
             }
         }
     }
     Ok(variables)
+}
+
+fn is_number(dataset: &hdf5_pure::Dataset) -> bool {
+    use DType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    let number = dataset.dtype();
+    number.is_ok_and(|of| matches!(of, F32 | F64 | I8 | I16 | I32 | I64 | U8 | U16 | U32 | U64))
 }

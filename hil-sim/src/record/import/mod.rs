@@ -10,8 +10,9 @@ mod matlab;
 mod matlab;
 mod source;
 mod times;
+mod variable;
 
-use crate::error::BadInput;
+use crate::error::{BadInput, one_of};
 use crate::record::units::{TARGETS, TIME, Unit};
 use crate::record::{Record, TIME_S, in_range};
 use serde::{Deserialize, Serialize};
@@ -20,6 +21,13 @@ use source::Source;
 use std::collections::BTreeMap;
 use std::path::Path;
 pub use times::Mended;
+
+/// Whether the bytes are of an HDF5 file, as MATLAB 7.3 writes: a crate reads it, whose memory and
+/// time only a process of its own can bound.
+#[cfg(feature = "matlab")]
+pub fn is_hdf5(bytes: &[u8]) -> bool {
+    hdf5_pure::is_hdf5_bytes(bytes)
+}
 
 /// The mapping of a file's columns to those of a record.
 #[derive(Clone, Debug, Deserialize)]
@@ -217,6 +225,58 @@ impl Map {
         Ok(map)
     }
 
+    /// The mapping of a record, whose CSV `bytes` begin with the names of its columns, in which
+    /// some columns are in other units: `units` are `COLUMN=UNIT[,scale=S][,offset=O]`.
+    ///
+    /// # Errors
+    /// The record lacks a column of `units`, or one of them has no such form or unit.
+    pub fn of_record(file: &str, bytes: &[u8], units: &[String]) -> Result<Map, BadInput> {
+        let bad = |expected: String| BadInput::file("--unit", expected);
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_reader(bytes);
+        let header = reader.byte_headers().ok();
+        let header = header.ok_or_else(|| BadInput::file(file, "a line with names of columns"))?;
+        let has = |name: &str| header.iter().any(|column| column == name.as_bytes());
+        let known = [(TIME_S, TIME)].into_iter().chain(TARGETS);
+        let known: Vec<_> = known.filter(|(name, _)| has(name)).collect();
+        let mut keys: BTreeMap<&str, String> = BTreeMap::new();
+        for option in units {
+            let (name, rest) = option.split_once('=').unwrap_or((option, ""));
+            let found = known.iter().find(|(known, _)| *known == name);
+            let (name, _) = found.ok_or_else(|| {
+                let names: Vec<_> = known.iter().map(|(name, _)| *name).collect();
+                bad(format!("COLUMN=UNIT with {}", one_of(&names, name)))
+            })?;
+            let mut parts = rest.split(',');
+            let mut lines = format!("unit = {:?}\n", parts.next().unwrap_or_default());
+            for part in parts {
+                let number = part.split_once('=').filter(|(key, value)| {
+                    ["scale", "offset"].contains(key) && value.parse::<f64>().is_ok()
+                });
+                let (key, value) = number
+                    .ok_or_else(|| bad(format!("scale=NUMBER or offset=NUMBER, found `{part}`")))?;
+                let value: f64 = value.parse().unwrap_or_default();
+                lines += &format!("{key} = {value:?}\n");
+            }
+            keys.insert(*name, lines);
+        }
+        let sections = known.iter().map(|(name, units)| {
+            let section = match *name {
+                TIME_S => "time".into(),
+                name => format!("columns.{name}"),
+            };
+            let unit = || format!("unit = {:?}\n", units[0].0);
+            let lines = keys.remove(name).unwrap_or_else(unit);
+            format!("[{section}]\ncolumn = {name:?}\n{lines}")
+        });
+        let text: String = sections.collect();
+        Map::parse("--unit", &text).map_err(|error| BadInput {
+            line: None,
+            ..error
+        })
+    }
+
     fn check(&self) -> Result<(), BadInput> {
         let bad = |span, key: &str, expected: &str| Err(self.place.bad(span, Some(key), expected));
         let Layout {
@@ -278,7 +338,9 @@ impl Map {
     /// # Errors
     /// The file does not fit the mapping, with line and column.
     pub fn import(&self, name: &str, bytes: &[u8]) -> Result<Imported, BadInput> {
-        let source = Source::open(name, bytes, &self.file)?;
+        let selectors = self.columns.values().map(|column| &column.column);
+        let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
+        let source = Source::open(name, bytes, &self.file, &used)?;
         let times = self.times(&source)?;
         let mut record = Record::new(times.time_s);
         let mut summary = Summary {
@@ -304,14 +366,8 @@ impl Map {
             record.set(target, values);
             summary.columns.push(column);
         }
-        let selectors = self.columns.values().map(|column| &column.column);
-        let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
         summary.left_out = source.left_out(&used);
-        // Reading the record back makes the remaining checks.
-        let record = Record::parse(name, &record.to_csv()).map_err(|error| BadInput {
-            line: None,
-            ..error
-        })?;
+        record.check_times_and_reference(name)?;
         Ok(Imported { record, summary })
     }
 }
@@ -323,7 +379,7 @@ impl Column {
         source: &Source,
         target: &'static str,
         unit: &Unit,
-        (rows_read, rows): (usize, &[usize]),
+        (rows_read, rows): (usize, &[u32]),
     ) -> Result<(Vec<f64>, ColumnSummary), BadInput> {
         let (name, read) = source.column(&self.column)?;
         if read.len() != rows_read {
@@ -333,12 +389,11 @@ impl Column {
         let (unit, factor, zero) = unit;
         let mut values = Vec::with_capacity(rows.len());
         let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-        for row in rows {
-            let value = (read[*row] * self.scale + self.offset) * factor + zero;
+        for row in rows.iter().map(|row| *row as usize) {
+            let value = (read[row] * self.scale + self.offset) * factor + zero;
             if !value.is_nan() {
-                in_range(target, value).map_err(|why| {
-                    source.bad(*row, &name, &format!("what is {target} as {why}"))
-                })?;
+                in_range(target, value)
+                    .map_err(|why| source.bad(row, &name, &format!("what is {target} as {why}")))?;
                 (min, max) = (min.min(value), max.max(value));
             }
             values.push(value);

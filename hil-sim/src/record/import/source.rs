@@ -1,51 +1,99 @@
 //! Reading of the files that can be imported, as columns of numbers.
 
+use super::variable::Variable;
 use super::{BadInput, Layout, Selector, matlab};
 use crate::record::{newlines, row_start};
 use std::borrow::Cow;
+use std::cell::Cell;
 
 /// The columns of one file.
-pub(super) struct Source {
+pub(super) struct Source<'a> {
     file: String,
-    kind: Kind,
+    /// Numbers that may still be read.
+    numbers_left: Cell<usize>,
+    numbers_max: usize,
+    kind: Kind<'a>,
 }
 
-enum Kind {
-    Csv(Csv),
+enum Kind<'a> {
+    Csv(Csv<'a>),
     /// Variables, and the format's name.
     Mat(Vec<Variable>, &'static str),
 }
 
-/// A CSV file with its cells as text.
-struct Csv {
-    decimal_comma: bool,
-    missing: Vec<String>,
+/// A CSV file, and the numbers of the columns that are used: a cell's text needs ten times the
+/// memory of its number.
+struct Csv<'a> {
+    layout: &'a Layout,
     is_latin_1: bool,
+    text: Cow<'a, str>,
     names: Vec<String>,
-    rows: Vec<csv::StringRecord>,
-    lines: Vec<usize>,
+    columns: Vec<Numbers>,
 }
 
-/// One variable of a MATLAB file: `values` column by column.
-pub(super) struct Variable {
-    pub(super) name: String,
-    pub(super) height: usize,
-    pub(super) width: usize,
-    pub(super) values: Vec<f64>,
+/// The numbers of one column up to the first cell that is none, with its row and what was expected.
+struct Numbers {
+    index: usize,
+    values: Vec<f64>,
+    bad: Option<(usize, String)>,
 }
 
-impl Source {
-    /// Reads the `bytes` of the file `name`; their first bytes tell the format.
+/// How files of other programs begin, and the command that converts them.
+const OTHER_FORMATS: [(&[u8], &str); 8] = [
+    (
+        b"PK\x03\x04",
+        "a spreadsheet's CSV (`libreoffice --headless --convert-to csv FILE`), found a ZIP file as \
+         xlsx and ods are",
+    ),
+    (
+        b"\xd0\xcf\x11\xe0",
+        "a spreadsheet's CSV (`libreoffice --headless --convert-to csv FILE`), found an old Office \
+         file as xls is",
+    ),
+    (
+        b"PAR1",
+        "CSV (`duckdb -c \"COPY 'FILE' TO 'out.csv' (HEADER)\"`), found Parquet",
+    ),
+    (
+        b"ULog\x01\x12\x35",
+        "CSV (`ulog2csv FILE` of pyulog), found ULog",
+    ),
+    (
+        b"MDF     ",
+        "CSV (`python3 -c \"import asammdf; asammdf.MDF('FILE').export('csv')\"`), found MDF",
+    ),
+    (
+        b"\x89MCAP0\r\n",
+        "CSV (`mcap cat FILE --json` prints its messages), found MCAP",
+    ),
+    (
+        b"SQLite format 3",
+        "CSV (`sqlite3 -header -csv FILE 'select * from TABLE'`), found SQLite, as bags of ROS 2 are",
+    ),
+    (b"\x1f\x8b", "an unpacked file (`gunzip FILE`), found gzip"),
+];
+
+impl<'a> Source<'a> {
+    /// Reads the `bytes` of the file `name`, of which `used` columns are needed; their first bytes
+    /// tell the format.
     ///
     /// # Errors
     /// The bytes are not of the format, with line.
-    pub fn open(name: &str, bytes: &[u8], layout: &Layout) -> Result<Source, BadInput> {
+    pub fn open(
+        name: &str,
+        bytes: &'a [u8],
+        layout: &'a Layout,
+        used: &[&Selector],
+    ) -> Result<Source<'a>, BadInput> {
         let kind = match matlab::read(name, bytes)? {
             Some((variables, format)) => Kind::Mat(variables, format),
-            None => Kind::Csv(Csv::open(name, bytes, layout)?),
+            None => Kind::Csv(Csv::open(name, bytes, layout, used)?),
         };
+        let numbers_max = matlab::numbers_max(bytes.len());
         Ok(Source {
             file: name.into(),
+            numbers_left: Cell::new(numbers_max),
+            numbers_max,
             kind,
         })
     }
@@ -71,7 +119,7 @@ impl Source {
     /// The position of a row: its line in a CSV file, else its number from 1.
     pub fn place(&self, row: usize) -> usize {
         match &self.kind {
-            Kind::Csv(csv) => csv.lines[row],
+            Kind::Csv(csv) => csv.line(row),
             Kind::Mat(..) => row + 1,
         }
     }
@@ -100,7 +148,7 @@ impl Source {
     ///
     /// # Errors
     /// The file lacks the column, the column has no row, or a cell is not a finite number.
-    pub fn column(&self, selector: &Selector) -> Result<(String, Vec<f64>), BadInput> {
+    pub fn column(&self, selector: &Selector) -> Result<(String, Cow<'_, [f64]>), BadInput> {
         let name = selector.to_string();
         let values = match &self.kind {
             Kind::Csv(csv) => {
@@ -108,20 +156,22 @@ impl Source {
                     let expected = format!("one of {}, found none", csv.names.join(", "));
                     self.bad_column(&name, &expected)
                 })?;
-                let rows = csv.rows.iter().enumerate();
-                let cells = rows.map(|(row, cells)| {
-                    csv.number(cells.get(index))
-                        .map_err(|why| self.bad(row, &name, &why))
-                });
-                cells.collect::<Result<_, _>>()?
+                let column = csv.columns.iter().find(|column| column.index == index);
+                let column =
+                    column.ok_or_else(|| self.bad_column(&name, "a column that is used"))?;
+                if let Some((row, why)) = &column.bad {
+                    return Err(self.bad(*row, &name, why));
+                }
+                Cow::Borrowed(&column.values[..])
             }
             Kind::Mat(variables, _) => {
-                let (_, values) = find(variables, selector).ok_or_else(|| {
+                let (index, number) = find(variables, selector).ok_or_else(|| {
                     let names: Vec<_> = variables.iter().map(Variable::words).collect();
                     let expected = format!("one of {}, found none", names.join(", "));
                     self.bad_column(&name, &expected)
                 })?;
-                values.to_vec()
+                let read = self.read(&variables[index], number);
+                read.map_err(|why| self.bad_column(&name, &why))?
             }
         };
         if values.is_empty() {
@@ -131,6 +181,36 @@ impl Source {
             return Err(self.bad(row, &name, "a finite number, found an infinite one"));
         }
         Ok((name, values))
+    }
+
+    /// The numbers of a variable's column, all of a vector if `number` is `None`.
+    ///
+    /// # Errors
+    /// What was expected: more numbers than a file of its size has, a damaged file.
+    fn read<'b>(
+        &self,
+        variable: &'b Variable,
+        number: Option<usize>,
+    ) -> Result<Cow<'b, [f64]>, String> {
+        let (height, max) = (variable.height, self.numbers_max);
+        let count = height.checked_mul(variable.width);
+        let left = count.and_then(|count| self.numbers_left.get().checked_sub(count));
+        let (Some(count), Some(left)) = (count, left) else {
+            let found = format!("{height} × {}", variable.width);
+            return Err(format!(
+                "at most {max} numbers of a file of its size, found {found}"
+            ));
+        };
+        self.numbers_left.set(left);
+        let values = variable.values.get(count, max)?;
+        let rows = number.map(|number| (number - 1) * height..number * height);
+        Ok(match (values, rows) {
+            (values, None) => values,
+            (Cow::Borrowed(values), Some(rows)) => Cow::Borrowed(values.get(rows).unwrap_or(&[])),
+            (Cow::Owned(values), Some(rows)) => {
+                Cow::Owned(values.get(rows).unwrap_or_default().to_vec())
+            }
+        })
     }
 
     /// The names of the columns that are not among `used`.
@@ -153,66 +233,106 @@ impl Source {
     }
 }
 
-impl Csv {
-    fn open(name: &str, bytes: &[u8], layout: &Layout) -> Result<Csv, BadInput> {
+impl<'a> Csv<'a> {
+    fn open(
+        name: &str,
+        bytes: &'a [u8],
+        layout: &'a Layout,
+        used: &[&Selector],
+    ) -> Result<Csv<'a>, BadInput> {
         if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
             return Err(BadInput::file(
                 name,
                 "text in UTF-8 or Latin-1, found UTF-16",
             ));
         }
+        let other = OTHER_FORMATS
+            .iter()
+            .find(|(begin, _)| bytes.starts_with(begin));
+        if let Some((_, expected)) = other {
+            return Err(BadInput::file(name, expected.replace("FILE", name)));
+        }
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let utf_8 = std::str::from_utf8(bytes);
-        let is_latin_1 = utf_8.is_err();
         let text = utf_8.map_or_else(
             // Latin-1 is the first 256 code points of Unicode.
             |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
             Cow::Borrowed,
         );
-        let mut head = text.split_inclusive('\n').take(layout.skip_lines);
-        let skipped: usize = head.by_ref().map(str::len).sum();
-        let text = &text.as_bytes()[skipped..];
-        let mut reader = csv::ReaderBuilder::new()
-            .has_headers(false)
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .delimiter(*layout.delimiter.get_ref() as u8)
-            .from_reader(text);
         let mut csv = Csv {
-            decimal_comma: layout.decimal_comma,
-            missing: layout.missing.clone(),
-            is_latin_1,
+            layout,
+            is_latin_1: utf_8.is_err(),
+            text: Cow::Borrowed(""),
             names: Vec::new(),
-            rows: Vec::new(),
-            lines: Vec::new(),
+            columns: Vec::new(),
         };
-        let (mut line, mut counted) = (1 + layout.skip_lines, 0);
-        let mut skip = layout.skip_after_header;
-        let mut cells = csv::StringRecord::new();
-        let mut in_header = layout.header;
-        while reader.read_record(&mut cells).map_err(|error| BadInput {
+        let bad = |line: usize, error: csv::Error| BadInput {
             line: Some(line),
             ..BadInput::file(name, format!("CSV, {error}"))
-        })? {
-            let begin = row_start(text, cells.position());
-            line += newlines(&text[counted..begin]);
-            counted = begin;
-            if std::mem::take(&mut in_header) {
-                csv.names = cells.iter().map(str::to_owned).collect();
-            } else if skip > 0 {
-                skip -= 1;
-            } else {
-                csv.rows.push(cells.clone());
-                csv.lines.push(line);
+        };
+        let mut rows = Rows::of(&text, layout);
+        let mut cells = csv::StringRecord::new();
+        if layout.header
+            && rows
+                .next(&mut cells)
+                .map_err(|error| bad(rows.line(), error))?
+        {
+            csv.names = cells.iter().map(str::to_owned).collect();
+        }
+        for _ in 0..layout.skip_after_header {
+            rows.next(&mut cells)
+                .map_err(|error| bad(rows.line(), error))?;
+        }
+        let (mut columns, mut row) = (Vec::new(), 0);
+        while rows
+            .next(&mut cells)
+            .map_err(|error| bad(rows.line(), error))?
+        {
+            if row == 0 {
+                if csv.names.is_empty() {
+                    let numbers = 1..=cells.len();
+                    csv.names = numbers.map(|number| format!("column {number}")).collect();
+                }
+                columns = csv.empty_columns(used);
             }
+            for column in columns.iter_mut().filter(|column| column.bad.is_none()) {
+                match csv.number(cells.get(column.index)) {
+                    Ok(value) => column.values.push(value),
+                    Err(why) => column.bad = Some((row, why)),
+                }
+            }
+            row += 1;
         }
-        if csv.names.is_empty() {
-            let width = csv.rows.first().map_or(0, csv::StringRecord::len);
-            csv.names = (1..=width)
-                .map(|number| format!("column {number}"))
-                .collect();
+        if row == 0 {
+            columns = csv.empty_columns(used);
         }
+        (csv.columns, csv.text) = (columns, text);
         Ok(csv)
+    }
+
+    /// The columns that are used, without numbers.
+    fn empty_columns(&self, used: &[&Selector]) -> Vec<Numbers> {
+        let mut indices: Vec<_> = used.iter().filter_map(|used| self.find(used)).collect();
+        indices.sort_unstable();
+        indices.dedup();
+        let empty = indices.into_iter().map(|index| Numbers {
+            index,
+            values: Vec::new(),
+            bad: None,
+        });
+        empty.collect()
+    }
+
+    /// The line of a row.
+    fn line(&self, row: usize) -> usize {
+        let mut rows = Rows::of(&self.text, self.layout);
+        let mut cells = csv::StringRecord::new();
+        let before = usize::from(self.layout.header) + self.layout.skip_after_header;
+        for _ in 0..=before + row {
+            // It was read before.
+            let _ = rows.next(&mut cells);
+        }
+        rows.line()
     }
 
     fn find(&self, selector: &Selector) -> Option<usize> {
@@ -225,18 +345,18 @@ impl Csv {
     /// The number in a cell; NaN if the cell has none.
     fn number(&self, cell: Option<&str>) -> Result<f64, String> {
         let cell = cell.ok_or("this cell, found the end of the row")?;
-        let is_missing = self.missing.iter().any(|missing| missing == cell);
+        let is_missing = self.layout.missing.iter().any(|missing| missing == cell);
         if cell.is_empty() || is_missing || cell.eq_ignore_ascii_case("nan") {
             return Ok(f64::NAN);
         }
-        let point = match self.decimal_comma {
+        let point = match self.layout.decimal_comma {
             true if cell.contains('.') => Err(()),
             true => Ok(Cow::Owned(cell.replacen(',', ".", 1))),
             false => Ok(Cow::Borrowed(cell)),
         };
         let number = point.ok().and_then(|text| text.parse().ok());
         number.ok_or_else(|| {
-            let comma = if self.decimal_comma {
+            let comma = if self.layout.decimal_comma {
                 " with a decimal comma"
             } else {
                 ""
@@ -246,22 +366,52 @@ impl Csv {
     }
 }
 
-impl Variable {
-    fn is_vector(&self) -> bool {
-        self.height == 1 || self.width == 1
+/// Reads rows and knows their lines.
+struct Rows<'a> {
+    text: &'a [u8],
+    reader: csv::Reader<&'a [u8]>,
+    first_line: usize,
+    /// Where the row begins that was read last.
+    begin: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// The rows of a file from its header on.
+    fn of(text: &'a str, layout: &Layout) -> Rows<'a> {
+        let lines = text.split_inclusive('\n').take(layout.skip_lines);
+        let skipped: usize = lines.map(str::len).sum();
+        let text = &text.as_bytes()[skipped..];
+        let reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .delimiter(*layout.delimiter.get_ref() as u8)
+            .from_reader(text);
+        Rows {
+            text,
+            reader,
+            first_line: 1 + layout.skip_lines,
+            begin: 0,
+        }
     }
 
-    fn words(&self) -> String {
-        if self.is_vector() {
-            self.name.clone()
-        } else {
-            format!("{}(:,1) to (:,{})", self.name, self.width)
+    /// Reads a row into `cells`; false at the end.
+    fn next(&mut self, cells: &mut csv::StringRecord) -> Result<bool, csv::Error> {
+        let is_row = self.reader.read_record(cells)?;
+        if is_row {
+            self.begin = row_start(self.text, cells.position());
         }
+        Ok(is_row)
+    }
+
+    /// The line of the row that was read last.
+    fn line(&self) -> usize {
+        self.first_line + newlines(&self.text[..self.begin])
     }
 }
 
-/// Finds a vector by its name, a column of a matrix by `name(:,number)`.
-fn find<'a>(variables: &'a [Variable], selector: &Selector) -> Option<(usize, &'a [f64])> {
+/// Finds a vector by its name, a column of a matrix by `name(:,number)`, numbered from 1.
+fn find(variables: &[Variable], selector: &Selector) -> Option<(usize, Option<usize>)> {
     let Selector::Name(wanted) = selector else {
         return None;
     };
@@ -276,12 +426,9 @@ fn find<'a>(variables: &'a [Variable], selector: &Selector) -> Option<(usize, &'
         .iter()
         .position(|variable| variable.name == name)?;
     let variable = &variables[index];
-    match number {
-        None if variable.is_vector() => Some((index, &variable.values)),
-        None => None,
-        Some(number) => {
-            let mut columns = variable.values.chunks_exact(variable.height.max(1));
-            Some((index, columns.nth(number.checked_sub(1)?)?))
-        }
-    }
+    let is_there = match number {
+        None => variable.is_vector(),
+        Some(number) => (1..=variable.width).contains(&number),
+    };
+    is_there.then_some((index, number))
 }

@@ -17,16 +17,17 @@ pub struct Mended {
 }
 
 impl Mended {
-    /// Counts a row at `place`.
-    fn found(&mut self, place: usize) {
+    /// Counts a row, whose `place` is looked up for the first.
+    fn found(&mut self, place: impl Fn() -> usize) {
         self.count += 1;
-        self.first.get_or_insert(place);
+        self.first.get_or_insert_with(place);
     }
 }
 
 /// The rows that are kept and their times.
 pub(super) struct Times {
-    pub rows: Vec<usize>,
+    /// As `u32`: files of gigabytes are refused before.
+    pub rows: Vec<u32>,
     pub rows_read: usize,
     pub time_s: Vec<f64>,
     pub repeated: Mended,
@@ -46,13 +47,18 @@ impl Map {
             if let Some(first) = self.columns.values().next() {
                 times.rows_read = source.column(&first.column)?.1.len();
             }
-            times.rows = (0..times.rows_read).collect();
-            times.time_s = times.rows.iter().map(|row| *row as f64 / rate_hz).collect();
+            times.rows = (0..times.rows_read as u32).collect();
+            times.time_s = times
+                .rows
+                .iter()
+                .map(|row| f64::from(*row) / rate_hz)
+                .collect();
         } else if let Some(selector) = &map.column {
             let section = self.time.span();
             let (unit, factor, _) =
                 unit_of(&self.place, "time", map.unit.as_ref(), TIME, &section)?;
-            let (name, mut read_s) = source.column(selector)?;
+            let (name, read_s) = source.column(selector)?;
+            let mut read_s = read_s.into_owned();
             for time_s in &mut read_s {
                 *time_s *= factor;
             }
@@ -120,7 +126,7 @@ impl Times {
                 Err(bad(row, &expected))
             };
             if time_s < last_s {
-                self.restarted.found(place(row));
+                self.restarted.found(|| place(row));
                 match map.restarted {
                     Restarted::Refuse => return refused("time.restarted"),
                     Restarted::Drop => continue,
@@ -130,14 +136,14 @@ impl Times {
                     }
                 }
             } else if time_s == last_s {
-                self.repeated.found(place(row));
+                self.repeated.found(|| place(row));
                 match map.repeated {
                     Repeated::Refuse => return refused("time.repeated"),
                     Repeated::Drop => continue,
                     Repeated::Spread => {}
                 }
             }
-            self.rows.push(row);
+            self.rows.push(row as u32);
             self.time_s.push(time_s);
         }
         spread(&mut self.time_s, period_s);
