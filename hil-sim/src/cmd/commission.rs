@@ -19,12 +19,12 @@ use std::path::PathBuf;
 ///
 /// Each step says what to do, what it saw, what was expected and what is probably wrong, and can be
 /// repeated. The first air goes into the plugged hose, the first lift is 4 mm high. The board keeps
-/// its settings until the end: it gets trial settings for each step with air, and its own ones back.
+/// its settings until the end: it gets trial settings for each step with air, then its own again.
 /// At the end, if you agree, the measured settings are stored, and DIR gets settings.toml, rig.toml
 /// with the tolerances of what was measured, and report.html. See docs/commissioning.md.
 ///
-/// Answers are read from stdin, a line each, so that a script can give them; lines that begin with #
-/// are skipped. Exit status 1: ended before the last step, nothing was written.
+/// Answers are read from stdin, a line each, so that a script can give them; lines that begin with
+/// # are skipped. Exit status 1: ended before the last step, nothing was written.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

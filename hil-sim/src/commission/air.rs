@@ -28,8 +28,8 @@ const FAST_SHARE: f64 = 0.7;
 const REST_TICKS: usize = 100;
 /// Travel that ends a play on the plugged hose \[m\].
 const PLUGGED_TRAVEL_M: f64 = 1e-3;
-/// Highest reference of the staircase over the highest one that is allowed: at that one itself noise
-/// would trip the board's force balance.
+/// Highest reference of the staircase over the highest one that is allowed: at that one itself
+/// noise would trip the board's force balance.
 const TOP_SHARE: f64 = 0.97;
 /// Reference of the first level at which the pressure is compared with it \[Pa\].
 const FIRST_LOOK_PA: f64 = 5e4;

@@ -143,9 +143,9 @@ impl Cause {
     /// What is probably wrong, in words.
     pub const fn words(self) -> &'static str {
         match self {
-            Cause::StartTest(_) => "the board itself",
+            Cause::StartTest(_) => "the board itself, by its start-up self-test",
             Cause::Board(_) => "what the board's fault says",
-            Cause::Refused => "the measured values: the board does not work with them",
+            Cause::Refused => "the measured values: the board does not begin with them",
             Cause::BridgeOpen => "a loose wire of the strain bridge, or its supply",
             Cause::PressureOpen => "a loose wire of the pressure sensor, or its supply",
             Cause::PressureHigh => "a 4–20 mA sensor at a voltage input, or a short to the supply",

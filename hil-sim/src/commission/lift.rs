@@ -3,8 +3,8 @@
 //! The weight in balance is carried by F = f_p(ε)P + γ (Eq 1), plus friction against its motion. So
 //! the mean of the forces on the way up and on the way down is the weight, half their difference is
 //! Coulomb friction, and the forces at which the weight breaks away are further apart by static
-//! friction. How fast F at constant ε would rise with the travel is known, too: 2αP/L, without γ and
-//! mass; a travel that is read too small or too large shows in it.
+//! friction. How fast F at constant ε would rise with the travel is known, too: 2αP/L, without γ
+//! and mass; a travel that is read too small or too large shows in it.
 
 use crate::commission::cause::Cause;
 use model_core::link::Telemetry;
@@ -13,8 +13,8 @@ use model_core::settings::SettingsValues;
 use model_core::supervisor::Mode;
 use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 
-/// Height of the lift \[m\]: the weight slips by up to 1.5 mm beyond, and the encoder may have twice
-/// the scale; the weight then still moves by less than 10 mm.
+/// Height of the lift \[m\]: the weight slips by up to 1.5 mm beyond, and the encoder may have
+/// twice the scale; the weight then still moves by less than 10 mm.
 pub const TOP_M: f64 = 3.5e-3;
 /// Largest lift that the highest reference causes if nothing is read of it \[m\].
 const UNSEEN_M: f64 = 9e-3;
@@ -200,8 +200,8 @@ fn stretches(samples: &[Sample], force_per_pressure_m2: f64) -> Vec<Stretch<'_>>
     starts.iter().zip(ends).map(stretch).collect()
 }
 
-/// The first sample that has moved in the direction of the reference, and the force just before: the
-/// mean over some ticks, and what the reference has changed by since.
+/// The first sample that has moved in the direction of the reference, and the force just before:
+/// the mean over some ticks, and what the reference has changed by since.
 fn breakaway(samples: &[Sample], up: bool, force_per_pressure_m2: f64) -> Option<(usize, f64)> {
     let sign = if up { 1.0 } else { -1.0 };
     let start_m = samples.first()?.travel_m;

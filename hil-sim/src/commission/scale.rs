@@ -10,8 +10,8 @@ use model_core::signal::AdcScale;
 const BRIDGE_GAIN: f64 = 1.25;
 /// Distance of a weight from the line, as a share of the largest: a mistyped weight is further off.
 const CURVED: f64 = 0.02;
-/// Ratio of a pressure sensor's gain to its expected one, either way: a sensor within 1.5 %, a gauge
-/// of class 1.6 at half scale.
+/// Ratio of a pressure sensor's gain to its expected one, either way: a sensor within 1.5 %, a
+/// gauge of class 1.6 at half scale.
 const PRESSURE_GAIN: f64 = 1.05;
 /// Distance of a pressure sensor's zero from the expected one \[counts\]: 3 % of the scale.
 const PRESSURE_ZERO: f64 = 123.0;
@@ -115,8 +115,8 @@ pub fn pressure(line: &Line, expected: &SettingsValues) -> Option<Cause> {
     }
 }
 
-/// Share of the pressure that is lost in a second while the pump is shut: from the first to the last
-/// half second of `ticks`.
+/// Share of the pressure that is lost in a second while the pump is shut: from the first to the
+/// last half second of `ticks`.
 pub fn loss_per_s(zero: Level, ticks: &[Telemetry]) -> f64 {
     let half = (SECOND_TICKS / 2).min(ticks.len() / 2);
     let mean = |ticks: &[Telemetry]| {

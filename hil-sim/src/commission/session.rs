@@ -220,7 +220,7 @@ impl<'a, P: Transport, W: Person> Session<'a, P, W> {
 
     fn step(&mut self, step: Step, checks: bool) -> Result<Given, Error> {
         match step {
-            Step::Start => self.start(),
+            Step::Start => self.start(checks),
             Step::Stop => self.emergency_stop(),
             Step::Wiring => self.wiring(),
             Step::Bridge => self.bridge(),

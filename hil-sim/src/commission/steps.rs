@@ -3,7 +3,7 @@
 use crate::bench::error::Error;
 use crate::bench::port::client::Transport;
 use crate::commission::air::{
-    Played, SlowLift, Staircase, lifting, limited, listen, play, plugged,
+    Course, Played, SlowLift, Staircase, lifting, limited, listen, play, plugged,
 };
 use crate::commission::cause::{Cause, Step};
 use crate::commission::curve;
@@ -16,9 +16,12 @@ use crate::commission::written;
 use model_core::constants::GRAVITY_M_PER_S2;
 use model_core::link::Telemetry;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::AdcCount;
+use model_core::signal::{AdcCount, AdcScale};
 use model_core::supervisor::Mode;
+use muscle_plant::nominal::Load;
 
+/// Ticks after an answer that are left out: the board's filters still hold what was before.
+const SETTLE_TICKS: usize = 10;
 /// Ticks in which a person does something and holds it.
 const ACT_TICKS: usize = 4 * SECOND_TICKS;
 /// Ticks in which a leak shows.
@@ -41,12 +44,15 @@ fn kpa(pressure_pa: f64) -> String {
 
 impl<P: Transport, W: Person> Session<'_, P, W> {
     fn level(&mut self, ticks: usize) -> Result<(Readings, Vec<Telemetry>), Error> {
-        let heard = listen(self.client, ticks)?;
+        let heard = listen(self.client, SETTLE_TICKS + ticks)?.split_off(SETTLE_TICKS);
         Ok((readings::readings(&heard), heard))
     }
 
-    pub(super) fn start(&mut self) -> Result<Given, Error> {
-        let text = "Air shut, hose off the muscle, nobody at the lever";
+    pub(super) fn start(&mut self, checks: bool) -> Result<Given, Error> {
+        let text = match checks {
+            true => "No pressure in the muscle, the weight on its stop, nobody at the lever",
+            false => "Air shut, hose off the muscle, nobody at the lever",
+        };
         self.wait("hands-off", text)?;
         let mut seen = Seen::new(Step::Start);
         self.identity = self.client.identity()?;
@@ -193,13 +199,7 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
         })
     }
 
-    fn row_of_line(
-        &self,
-        seen: &mut Seen,
-        line: &Line,
-        expected: model_core::signal::AdcScale,
-        unit: &str,
-    ) {
+    fn row_of_line(&self, seen: &mut Seen, line: &Line, expected: AdcScale, unit: &str) {
         let scale = line.scale;
         let (zero, expected_zero) = (scale.zero_count, expected.zero_count);
         seen.row(
@@ -301,7 +301,7 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
         &mut self,
         seen: &mut Seen,
         trial: SettingsValues,
-        course: &mut dyn crate::commission::air::Course,
+        course: &mut dyn Course,
     ) -> Result<Option<Played>, Error> {
         if let Err(error) = Settings::new(trial) {
             seen.row("settings", error.to_string(), "settings that pass".into());
@@ -321,8 +321,12 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
         if !seen.causes.is_empty() {
             return;
         }
-        seen.add(played.fault.map(Cause::Board));
-        if !played.begun {
+        let stopped = played
+            .ticks
+            .last()
+            .and_then(|last| readings::stop_released(&[*last]));
+        seen.add(played.fault.map(Cause::Board).or(stopped));
+        if !played.begun && seen.causes.is_empty() {
             seen.add(Some(Cause::Refused));
         }
     }
@@ -388,8 +392,8 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
             let text = "Weigh the load. Its mass [kg]";
             values.load_kg = self.number("load", text, (0.1, 1e3))? as f32;
         }
-        let text = "The hose on the muscle, the weight on its stop, nobody near it: it will rise \
-                    by some millimetres";
+        let text = "With the supply shut: the hose on the muscle, the weight on its stop. Then \
+                    open the supply. Nobody near the weight: it will rise by some millimetres";
         self.wait("muscle-on", text)?;
         let known = self.known(lifting(values));
         let mut limit_pa = known.lifts_pa() + known.unseen_pa();
@@ -463,10 +467,13 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
             return Ok((seen, self.values, measured));
         };
         let found = lift::lift(&known, &played.ticks);
-        let rig = self.rig.nominal.load;
-        let muscle_plant::nominal::Load::Weight(weight) = rig else {
+        let Load::Weight(weight) = self.rig.nominal.load else {
             return Ok((seen, self.values, measured));
         };
+        if played.begun && found.mass_kg.is_none() {
+            seen.row("lift", "none".into(), "three".into());
+            seen.add(Some(Cause::LoadHeavier));
+        }
         let (static_n, sd_n) = found.static_friction();
         seen.row(
             "static friction",

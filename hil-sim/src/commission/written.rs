@@ -11,6 +11,8 @@ use crate::report::{Axis, Plot, Report, Role, Section, Series};
 use crate::rig::{Rig, set_numbers};
 use model_core::settings::SettingsValues;
 
+/// Least friction that can be measured \[N\]: a count of the pressure sensor.
+const FRICTION_N: f64 = 0.5;
 /// A load weighed on a workshop scale, and a supply read off a gauge of class 1.6: as the default
 /// tolerances of a rig.
 const WEIGHED: f64 = 0.005;
@@ -38,7 +40,11 @@ pub fn rig_toml(
         ("valve", "supply_pressure_pa", supply_pa, supply),
         ("load", "mass_kg", rounded(values.load_kg), WEIGHED),
     ];
-    if let Some(friction) = &measured.friction {
+    let friction = measured.friction.as_ref().filter(|friction| {
+        // A rig without friction that could be measured keeps its nominal values.
+        friction.static_friction().0 > FRICTION_N
+    });
+    if let Some(friction) = friction {
         let (static_n, sd_n) = friction.static_friction();
         let coulomb_n = friction.coulomb_n.clamp(0.0, static_n.max(0.0));
         let relative = (sd_n / static_n).max(FRICTION);

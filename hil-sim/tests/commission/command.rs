@@ -31,12 +31,19 @@ fn serve(mut board: InMemory, mut port: TTYPort, mut program_end: TTYPort, end: 
     }
 }
 
-/// The exit status, stdout as JSON, and the settings on the board at the end.
-fn commission(
-    folder: &Path,
-    wiring: Wiring,
-    args: &[&str],
-) -> (i32, serde_json::Value, SettingsValues) {
+/// How the command has ended.
+struct Ended {
+    status: i32,
+    /// Its stdout.
+    json: serde_json::Value,
+    /// Its stderr.
+    told: String,
+    /// Settings on the board.
+    stored: SettingsValues,
+}
+
+/// The command with a person who answers so many questions.
+fn commission(folder: &Path, wiring: Wiring, patience: usize, args: &[&str]) -> Ended {
     let world = Arc::new(Mutex::new(World::new(wiring)));
     let board = InMemory::new(Arc::clone(&world), SettingsValues::reference());
     let log = board.log();
@@ -57,31 +64,45 @@ fn commission(
         .stderr(Stdio::piped())
         .spawn()
         .expect("the command starts");
-    let mut answers = child.stdin.take().expect("its stdin");
+    let mut answers = Some(child.stdin.take().expect("its stdin"));
     let questions = BufReader::new(child.stderr.take().expect("its stderr"));
-    let mut told = String::new();
+    let (mut told, mut asked) = (String::new(), 0);
     for line in questions.lines().map_while(Result::ok) {
         told += &format!("{line}\n");
         let name = line.strip_prefix('[').and_then(|line| line.split_once(']'));
         if let Some((name, _)) = name {
+            asked += 1;
+            answers = answers.filter(|_| asked <= patience);
             let answer = world.lock().expect("the world").act(name);
-            writeln!(answers, "{answer}").expect("the program reads");
+            if let Some(answers) = &mut answers {
+                writeln!(answers, "# {name}\n{answer}").expect("the program reads");
+            }
         }
     }
     let output = child.wait_with_output().expect("the program ends");
     end.store(true, Ordering::Relaxed);
     thread.join().expect("the board");
-    let status = output.status.code().expect("a status");
-    let json = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{told}"));
-    let settings = log.lock().expect("the log").settings;
-    (status, json, settings)
+    let stored = log.lock().expect("the log").settings;
+    Ended {
+        status: output.status.code().expect("a status"),
+        json: serde_json::from_slice(&output.stdout).unwrap_or_default(),
+        told,
+        stored,
+    }
 }
 
 #[test]
 fn the_command_writes_settings_rig_and_report_at_its_end() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (status, json, stored) = commission(folder.path(), Wiring::Right, &["--out", "done"]);
-    assert_eq!((status, &json["complete"]), (0, &true.into()), "{json}");
+    let args = ["--out", "done"];
+    let ended = commission(folder.path(), Wiring::Right, usize::MAX, &args);
+    let (status, stored) = (ended.status, ended.stored);
+    assert_eq!(
+        (status, &ended.json["complete"]),
+        (0, &true.into()),
+        "{}",
+        ended.told
+    );
     let out = folder.path().join("done");
     let settings = settings_file::read(&out.join("settings.toml")).expect("settings");
     assert_eq!(*settings.values(), stored);
@@ -105,7 +126,8 @@ fn the_command_writes_settings_rig_and_report_at_its_end() {
 #[test]
 fn an_early_end_writes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (status, json, stored) = commission(folder.path(), Wiring::LoadLight, &[]);
+    let ended = commission(folder.path(), Wiring::LoadLight, usize::MAX, &[]);
+    let (status, json, stored) = (ended.status, ended.json, ended.stored);
     assert_eq!((status, &json["complete"]), (1, &false.into()));
     let last = json["steps"]
         .as_array()
@@ -120,4 +142,15 @@ fn an_early_end_writes_nothing() {
             .count(),
         0
     );
+}
+
+#[test]
+fn answers_that_end_are_bad_input() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let ended = commission(folder.path(), Wiring::Right, 3, &[]);
+    assert_eq!(ended.status, 2);
+    let last = ended.told.lines().last();
+    let expected = "hil-sim: stdin: expected an answer to [lamp], found the end";
+    assert_eq!(last, Some(expected));
+    assert_eq!(ended.stored, SettingsValues::reference());
 }

@@ -12,6 +12,7 @@ use model_core::signal::{AdcCount, DacCount, EncoderCount};
 use model_core::timing::Timing;
 use serde::Serialize;
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -33,6 +34,8 @@ pub struct InMemory {
     to_pc: Vec<u8>,
     to_next_tick: Duration,
     valve: DacCount,
+    /// Travel of the weight \[m\] at which the user presses Ctrl-C.
+    pub interrupt: Option<(f64, Arc<AtomicBool>)>,
 }
 
 impl InMemory {
@@ -49,6 +52,7 @@ impl InMemory {
             to_pc: Vec::new(),
             to_next_tick: TICK,
             valve: DacCount::default(),
+            interrupt: None,
         };
         board.reset();
         board
@@ -129,6 +133,10 @@ impl InMemory {
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
         self.valve = tick.valve;
+        let moved_m = self.world.lock().unwrap().moved_m;
+        if let Some((_, stop)) = self.interrupt.take_if(|(at_m, _)| moved_m > *at_m) {
+            stop.store(true, Ordering::Relaxed);
+        }
         self.transmit(&FromDevice::Telemetry(tick.telemetry));
     }
 }

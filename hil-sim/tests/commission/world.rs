@@ -357,6 +357,11 @@ impl World {
         }
     }
 
+    /// Where the weight is now \[m\].
+    pub fn travel_m(&self) -> f64 {
+        f64::from(self.truth.muscle.initial_length_m) * self.simulation.contraction()
+    }
+
     fn connect(&mut self, hose: Hose) {
         let hose = match (self.wiring, hose) {
             (Wiring::HoseOnMuscle, Hose::Plug) => Hose::Muscle,
@@ -394,8 +399,7 @@ impl World {
                 .advance(&self.drive, self.time_s)
                 .expect("the plant can be integrated");
         }
-        let length_m = f64::from(self.truth.muscle.initial_length_m);
-        self.moved_m = self.moved_m.max(length_m * self.simulation.contraction());
+        self.moved_m = self.moved_m.max(self.travel_m());
         self.inputs(valve)
     }
 
@@ -457,9 +461,7 @@ impl World {
     }
 
     fn encoder(&mut self) -> i32 {
-        let length_m = f64::from(self.truth.muscle.initial_length_m);
-        let air_m = length_m * self.simulation.contraction();
-        let travel_m = air_m.max(self.hands.lift_m);
+        let travel_m = self.travel_m().max(self.hands.lift_m);
         let count = (travel_m / f64::from(self.truth.encoder_m_per_count)).round() as i32;
         match self.wiring {
             Wiring::EncoderSwapped => -count,
