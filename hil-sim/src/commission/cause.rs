@@ -182,7 +182,7 @@ impl Cause {
             Cause::HoseOnMuscle => "the muscle is still on the hose",
             Cause::LoadLighter => "the mass: lighter than entered",
             Cause::LoadHeavier => {
-                "the mass: heavier than entered; or a blocked weight, a muscle off its hose"
+                "the mass: heavier than entered; or a blocked weight, a muscle off its hose, a shut port"
             }
             Cause::MuscleLeak => "a leaking fitting of the muscle",
             Cause::PressureScale => "the pressure sensor's scale (zero and gain)",

@@ -1,5 +1,6 @@
 //! The estimators by themselves, on telemetry whose truth is known.
 
+use hil_sim::commission::air::{lifting, limited, plugged};
 use hil_sim::commission::cause::Cause;
 use hil_sim::commission::curve::{Curve, Level as CurveLevel, at_zero, curve, valve};
 use hil_sim::commission::lift::{Known, Lift, TOP_M, contradiction, lift};
@@ -11,7 +12,7 @@ use hil_sim::commission::scale::{self, Point, line, loss_per_s};
 use model_core::io::{Output, Request, Sensors};
 use model_core::link::{Source, Telemetry};
 use model_core::pressure::GaugePa;
-use model_core::settings::SettingsValues;
+use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::Mode;
 use model_core::timing::Timing;
@@ -372,4 +373,50 @@ fn a_lift_weighs_and_tells_what_contradicts_the_settings() {
         contradiction(&known(), &leaks, true),
         Some(Cause::MuscleLeak)
     );
+}
+
+/// If a board keeps its trial settings by accident, the weight does not rise by 10 mm: above
+/// `contraction_max` the pressure may only fall, and above `contraction_trip` the board vents.
+#[test]
+fn trial_settings_pass_and_bound_the_travel() {
+    for (values, top_m) in [
+        (plugged(limited(EXPECTED, 5e5)), 0.003),
+        (plugged(limited(EXPECTED, 2.5e5)), 0.003),
+        (lifting(limited(EXPECTED, 5e5)), 0.0045),
+    ] {
+        let values = *Settings::new(values).expect("settings that pass").values();
+        let length_m = values.muscle.initial_length_m;
+        assert!((values.contraction_max * length_m - top_m).abs() < 1e-5);
+        assert!(values.contraction_trip * length_m < 0.007);
+        assert_eq!(values.play_pressure_pa_max, values.pressure_pa_max);
+        // All that watches the sensors, the speed and the stop stays.
+        let kept = SettingsValues {
+            contraction_max: EXPECTED.contraction_max,
+            contraction_trip: EXPECTED.contraction_trip,
+            play_pressure_pa_max: EXPECTED.play_pressure_pa_max,
+            force_error_n_max: EXPECTED.force_error_n_max,
+            pressure_error_pa_max: EXPECTED.pressure_error_pa_max,
+            ..values
+        };
+        assert_eq!(kept, limited(EXPECTED, values.supply_pressure_pa.into()));
+    }
+}
+
+#[test]
+fn limits_follow_the_supply_the_amplifier_and_the_sensor() {
+    let limited = |change: fn(&mut SettingsValues), supply_pa| {
+        let mut values = EXPECTED;
+        change(&mut values);
+        *Settings::new(limited(values, supply_pa))
+            .expect("settings that pass")
+            .values()
+    };
+    assert_eq!(limited(|_| {}, 3e5).pressure_pa_max, 3e5);
+    assert_eq!(limited(|_| {}, 6e5).pressure_pa_max, 5e5);
+    let weak = limited(|values| values.valve_drive.amplifier_gain *= 0.7, 5e5);
+    assert!((weak.pressure_pa_max - 3.5e5).abs() < 10.0);
+    // 400 kPa at the end of the scale.
+    let small = limited(|values| values.pressure_sensor.per_count *= 0.5, 5e5);
+    assert!(small.pressure_trip_pa < small.pressure_sensor.ends().1);
+    assert!(small.pressure_pa_max > 3.3e5 && small.pressure_pa_max < small.pressure_trip_pa);
 }

@@ -52,6 +52,16 @@ fn commission(
     steps: &[Step],
     answers: &[(&'static str, &'static str)],
 ) -> Ended {
+    commission_by(wiring, stored, steps, (answers, false))
+}
+
+/// As [`commission`], with other answers than the usual ones; the person may correct what is found.
+fn commission_by(
+    wiring: Wiring,
+    stored: SettingsValues,
+    steps: &[Step],
+    (answers, repairs): (&[(&'static str, &'static str)], bool),
+) -> Ended {
     let world = Arc::new(Mutex::new(World::new(wiring)));
     let board = InMemory::new(Arc::clone(&world), stored);
     let log = board.log();
@@ -60,6 +70,7 @@ fn commission(
     let mut person = Someone {
         world: Arc::clone(&world),
         told: String::new(),
+        repairs,
         answers: answers.to_vec(),
     };
     let checks = steps == Step::CHECK;
@@ -160,6 +171,30 @@ fn each_wrong_rig_is_named_by_its_step_and_moves_by_less_than_10_mm() {
     );
 }
 
+/// Each step can be repeated: once what it has found is corrected, the session goes on with it, and
+/// ends as that of the right rig.
+#[test]
+fn a_corrected_rig_is_commissioned() {
+    let old = SettingsValues::reference();
+    for rig in &MISWIRED {
+        let ended = commission_by(rig.wiring, old, &Step::ALL, (&[], true));
+        assert!(ended.complete, "{}: {}", rig.words, ended.told);
+        assert!(ended.told.contains(rig.cause.words()), "{}", rig.words);
+        let scales = |values: &SettingsValues| {
+            [
+                values.bridge.per_count,
+                values.pressure_sensor.per_count,
+                values.encoder_m_per_count,
+                values.valve_drive.amplifier_gain,
+            ]
+        };
+        for (found, truth) in scales(&ended.values).into_iter().zip(scales(&old)) {
+            assert_near(rig.words, found.into(), truth.into(), 3e-3);
+        }
+        assert!(ended.moved_m < MOVED_M_MAX, "{}", rig.words);
+    }
+}
+
 #[test]
 fn wrong_settings_are_found_by_the_slow_lift() {
     let old = SettingsValues::reference();
@@ -245,6 +280,7 @@ fn an_interrupt_lets_the_weight_down_and_restores_the_settings() {
     let mut person = Someone {
         world: Arc::clone(&world),
         told: String::new(),
+        repairs: false,
         answers: Vec::new(),
     };
     let mut session = Session::new(&mut client, &mut person, &template(), false).expect("a board");

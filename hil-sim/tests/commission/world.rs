@@ -367,10 +367,14 @@ impl World {
             (Wiring::HoseOnMuscle, Hose::Plug) => Hose::Muscle,
             _ => hose,
         };
-        if hose != self.hose {
-            (self.simulation, self.drive) = simulation(&self.rig, self.wiring, hose);
-            (self.hose, self.time_s) = (hose, 0.0);
-        }
+        (self.simulation, self.drive) = simulation(&self.rig, self.wiring, hose);
+        (self.hose, self.time_s) = (hose, 0.0);
+    }
+
+    /// The person corrects what is wrong.
+    pub fn repair(&mut self) {
+        self.wiring = Wiring::Right;
+        self.rig = Rig::reference();
     }
 
     fn noise(&mut self) -> f64 {
@@ -500,7 +504,10 @@ impl World {
         self.move_hands(name);
         match name {
             "pressure-gauge" => self.pump_leak = 1.0,
-            "plug" => self.connect(Hose::Plug),
+            "plug" => {
+                self.air = false;
+                self.connect(Hose::Plug);
+            }
             "supply" => self.air = true,
             "muscle-on" => {
                 self.air = true;
@@ -587,6 +594,8 @@ pub struct Someone {
     pub world: Arc<Mutex<World>>,
     /// What the program has told.
     pub told: String,
+    /// Whether the person corrects what a step has found.
+    pub repairs: bool,
     /// Other answers than the usual ones.
     pub answers: Vec<(&'static str, &'static str)>,
 }
@@ -598,6 +607,10 @@ impl Person for Someone {
             return Err(BadInput::file("person", "fewer questions").into());
         }
         let answer = world.act(question.name);
+        if question.name == "finding" && self.repairs {
+            world.repair();
+            return Ok("r".into());
+        }
         let other = self.answers.iter().find(|(name, _)| *name == question.name);
         Ok(other.map_or(answer, |(_, other)| other.to_string()))
     }

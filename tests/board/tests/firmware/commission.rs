@@ -106,6 +106,7 @@ fn commission(wiring: Wiring) -> Ended {
     let mut person = Someone {
         world: Arc::clone(&world),
         told: String::new(),
+        repairs: false,
         answers: Vec::new(),
     };
     let rig = Rig::parse("rig.toml", &Rig::template()).expect("a rig");
