@@ -33,6 +33,8 @@ const PLUGGED_TRAVEL_M: f64 = 1e-3;
 const TOP_SHARE: f64 = 0.97;
 /// Reference of the first level at which the pressure is compared with it \[Pa\].
 const FIRST_LOOK_PA: f64 = 5e4;
+/// Travel that shows that the encoder lives \[m\].
+const SEEN_M: f64 = 3e-4;
 const TICK_S: f64 = 0.01;
 
 /// The next request of a play.
@@ -316,7 +318,10 @@ impl Course for SlowLift {
                 .pressure_sensor
                 .value(tick.sensors.pressure),
         );
-        let beyond = pressure_pa > self.limit_pa || self.reference_pa > 2.0 * self.limit_pa;
+        // Once motion is read, the top of the lift is its limit, and this one a reserve.
+        let seen = travel_m > SEEN_M;
+        let limit_pa = self.limit_pa + if seen { self.known.unseen_pa() } else { 0.0 };
+        let beyond = pressure_pa > limit_pa || self.reference_pa > 2.0 * limit_pa;
         if self.rising && (travel_m >= TOP_M || beyond) {
             (self.rising, self.rest) = (false, REST_TICKS);
         }

@@ -131,8 +131,12 @@ pub enum Cause {
     HoseOnMuscle,
     /// The weight lifts at less pressure than it should.
     LoadLighter,
-    /// The weight lifts at more pressure than it should, or not at all.
+    /// The weight lifts at more pressure than it should.
     LoadHeavier,
+    /// The weight does not lift.
+    NotLifted,
+    /// The travel does not fit the pressure.
+    Travel,
     /// The muscle gets less pressure than the plugged hose did.
     MuscleLeak,
     /// Pressure and force differ from their settings by the same factor.
@@ -180,10 +184,12 @@ impl Cause {
             Cause::AmplifierGain => "the valve amplifier's gain",
             Cause::LowSupply => "the supply: its regulator or its hose",
             Cause::HoseOnMuscle => "the muscle is still on the hose",
-            Cause::LoadLighter => "the mass: lighter than entered",
-            Cause::LoadHeavier => {
-                "the mass: heavier than entered; or a blocked weight, a muscle off its hose, a shut port"
+            Cause::LoadLighter => "the mass: lighter than entered; or a stronger muscle",
+            Cause::Travel => "the encoder's scale; or a muscle with much hysteresis",
+            Cause::NotLifted => {
+                "a blocked weight, a muscle off its hose, a shut port, or a dead encoder"
             }
+            Cause::LoadHeavier => "the mass: heavier than entered; or a weaker muscle (dead band)",
             Cause::MuscleLeak => "a leaking fitting of the muscle",
             Cause::PressureScale => "the pressure sensor's scale (zero and gain)",
         }
@@ -235,8 +241,11 @@ impl Cause {
             Cause::LowSupply => "set the regulator; accept to work with the measured supply",
             Cause::HoseOnMuscle => "take the hose off the muscle and plug it",
             Cause::LoadLighter | Cause::LoadHeavier => {
-                "weigh the load (`load_kg`); check the muscle's constants in the rig file"
+                "weigh the load (`load_kg`); if it is right accept, and find out what the muscle \
+                 lacks by `hil-sim diagnose`"
             }
+            Cause::NotLifted => "look whether the weight has moved, and repeat the encoder's step",
+            Cause::Travel => "measure it with a spacer: commission without --check",
             Cause::MuscleLeak => "soap the fittings of the muscle and its port",
             Cause::PressureScale => "calibrate the pressure sensor: the step with the hand pump",
         }
@@ -257,6 +266,8 @@ impl Cause {
                 | Cause::EncoderScale
                 | Cause::AmplifierGain
                 | Cause::LowSupply
+                | Cause::LoadLighter
+                | Cause::LoadHeavier
         )
     }
 }

@@ -26,14 +26,14 @@ pub const WRONG_WAY_M: f64 = 5e-4;
 const BREAK_TICKS: usize = 5;
 /// Ratio of read to true travel, either way: stick-slip makes it uncertain by some 10 %.
 const TRAVEL: f64 = 1.33;
-/// Ratio of pressure to reference on the stop, either way.
+/// Slope of pressure over reference on the stop, either way.
 const DRIVE: f64 = 1.05;
 /// Smallest difference of a mass that is told, relative.
 const MASS: f64 = 0.05;
 /// Least friction that is allowed for \[N\].
 const FRICTION_N: f64 = 5.0;
-/// Reference below which the ratio of pressure to reference is too uncertain \[Pa\].
-const RATIO_PA: f64 = 3e4;
+/// Share of the pressure at which the muscle begins to pull from which the reference rises slowly.
+const SLOW_SHARE: f64 = 0.75;
 
 /// What is known of the muscle and its load before the lift.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -120,7 +120,7 @@ pub struct Sample {
 pub struct Lift {
     /// Each tick of the play.
     pub samples: Vec<Sample>,
-    /// Pressure over reference, on the stop \[-\].
+    /// Rise of the pressure over that of its reference, on the stop \[-\].
     pub drive_ratio: f64,
     /// Highest and lowest travel that was read \[m\].
     pub top_m: f64,
@@ -214,37 +214,34 @@ fn breakaway(samples: &[Sample], up: bool, force_per_pressure_m2: f64) -> Option
     Some((at, force_n))
 }
 
-/// Sums of the samples that move in one direction.
+/// Sums of points, for a line.
 #[derive(Default)]
-struct Moving {
+struct Sums {
     count: f64,
-    travel_m: f64,
-    force_n: f64,
+    x: f64,
+    y: f64,
     square: f64,
     product: f64,
 }
 
-impl Moving {
-    fn add(&mut self, sample: &Sample) {
+impl Sums {
+    fn add(&mut self, x: f64, y: f64) {
         self.count += 1.0;
-        self.travel_m += sample.travel_m;
-        self.force_n += sample.force_n;
-        self.square += sample.travel_m.powi(2);
-        self.product += sample.travel_m * sample.force_n;
+        self.x += x;
+        self.y += y;
+        self.square += x * x;
+        self.product += x * y;
     }
 
     /// Sums of squares and products about the means.
     fn central(&self) -> (f64, f64) {
-        let square = self.square - self.travel_m.powi(2) / self.count;
-        (
-            square,
-            self.product - self.travel_m * self.force_n / self.count,
-        )
+        let square = self.square - self.x.powi(2) / self.count;
+        (square, self.product - self.x * self.y / self.count)
     }
 
-    /// Force at travel 0 with this stiffness.
-    fn at_zero_n(&self, n_per_m: f64) -> f64 {
-        (self.force_n - n_per_m * self.travel_m) / self.count
+    /// The line of this slope at x = 0.
+    fn at_zero(&self, slope: f64) -> f64 {
+        (self.y - slope * self.x) / self.count
     }
 }
 
@@ -253,14 +250,14 @@ pub fn lift(known: &Known, ticks: &[Telemetry]) -> Lift {
     let samples = samples(known, ticks);
     let travel = samples.iter().map(|sample| sample.travel_m);
     let mut lift = Lift {
-        drive_ratio: drive_ratio(&samples),
+        drive_ratio: drive_ratio(&samples, SLOW_SHARE * known.begins_pa()),
         top_m: travel.clone().fold(0.0, f64::max),
         bottom_m: travel.fold(0.0, f64::min),
         travel_ratio: 1.0,
         ..Lift::default()
     };
     let stretches = stretches(&samples, known.force_per_pressure_m2());
-    let [mut up, mut down] = [Moving::default(), Moving::default()];
+    let [mut up, mut down] = [Sums::default(), Sums::default()];
     let mut pressure = (0.0, 0.0);
     for stretch in &stretches {
         let from = stretch
@@ -270,7 +267,7 @@ pub fn lift(known: &Known, ticks: &[Telemetry]) -> Lift {
         // On its stop the weight is carried by it.
         let lifted = |sample: &&Sample| sample.travel_m > 4.0 * MOVED_M;
         for sample in stretch.samples[from..].iter().filter(lifted) {
-            sums.add(sample);
+            sums.add(sample.travel_m, sample.force_n);
             pressure = (pressure.0 + sample.pressure_pa, pressure.1 + 1.0);
         }
     }
@@ -289,7 +286,7 @@ pub fn lift(known: &Known, ticks: &[Telemetry]) -> Lift {
         true => product / square,
         false => model,
     };
-    let (up_n, down_n) = (up.at_zero_n(n_per_m), down.at_zero_n(n_per_m));
+    let (up_n, down_n) = (up.at_zero(n_per_m), down.at_zero(n_per_m));
     let weight_n = 0.5 * (up_n + down_n);
     lift.mass_kg = Some(weight_n / GRAVITY_M_PER_S2);
     lift.coulomb_n = 0.5 * (up_n - down_n);
@@ -305,21 +302,19 @@ pub fn lift(known: &Known, ticks: &[Telemetry]) -> Lift {
     lift
 }
 
-/// Pressure over reference before the weight moves, where the reference is high enough; 0 if it
-/// never was.
-fn drive_ratio(samples: &[Sample]) -> f64 {
-    let on_stop = samples
+/// Slope of the pressure over its reference before the weight moves, from `from_pa` on; 0 if the
+/// reference never was there. An offset of sensor or valve has no influence.
+fn drive_ratio(samples: &[Sample], from_pa: f64) -> f64 {
+    let mut on_stop = Sums::default();
+    let on = samples
         .iter()
         .take_while(|sample| sample.travel_m.abs() <= MOVED_M)
-        .filter(|sample| sample.reference_pa > RATIO_PA);
-    let (pressure, reference) = on_stop.fold((0.0, 0.0), |sums, sample| {
-        (sums.0 + sample.pressure_pa, sums.1 + sample.reference_pa)
-    });
-    if reference > 0.0 {
-        pressure / reference
-    } else {
-        0.0
+        .filter(|sample| sample.reference_pa > from_pa);
+    for sample in on {
+        on_stop.add(sample.reference_pa, sample.pressure_pa);
     }
+    let (square, product) = on_stop.central();
+    if square > 0.0 { product / square } else { 0.0 }
 }
 
 /// True if `ratio` is further from 1 than `limit`, either way.
@@ -327,8 +322,7 @@ fn is_off(ratio: f64, limit: f64) -> bool {
     !(1.0 / limit..=limit).contains(&ratio)
 }
 
-/// What contradicts `known`; `curve_known` if the valve's curve has been measured on the plugged
-/// hose with these settings.
+/// What contradicts `known`; `curve_known` if encoder and valve have been measured before.
 pub fn contradiction(known: &Known, lift: &Lift, curve_known: bool) -> Option<Cause> {
     let drive_is_off = is_off(lift.drive_ratio, DRIVE);
     if lift.drive_ratio < 0.1 {
@@ -341,8 +335,9 @@ pub fn contradiction(known: &Known, lift: &Lift, curve_known: bool) -> Option<Ca
         let read = lift.samples.iter().map(|sample| sample.pressure_pa);
         let should_lift = read.fold(0.0, f64::max) > known.lifts_pa();
         return Some(match (drive_is_off, curve_known) {
-            (false, _) => Cause::LoadHeavier,
-            (true, true) => Cause::MuscleLeak,
+            (false, _) => Cause::NotLifted,
+            (true, true) if lift.drive_ratio < 1.0 => Cause::MuscleLeak,
+            (true, true) => Cause::PressureScale,
             (true, false) if should_lift => Cause::PressureScale,
             (true, false) => Cause::AmplifierGain,
         });
@@ -352,7 +347,7 @@ pub fn contradiction(known: &Known, lift: &Lift, curve_known: bool) -> Option<Ca
     let sd_n = known.force_sd_n(known.lifts_pa());
     let allowed_n = (2.0 * sd_n + FRICTION_N).max(MASS * weight_n);
     let mass_is_off = off_n.abs() > allowed_n;
-    if drive_is_off && curve_known {
+    if drive_is_off && curve_known && lift.drive_ratio < 1.0 {
         return Some(Cause::MuscleLeak);
     }
     if drive_is_off {
@@ -365,8 +360,9 @@ pub fn contradiction(known: &Known, lift: &Lift, curve_known: bool) -> Option<Ca
             false => Cause::PressureScale,
         });
     }
-    if is_off(lift.travel_ratio, TRAVEL) {
-        return Some(Cause::EncoderScale);
+    // If the encoder has been measured, only the muscle is left, which a diagnosis explains.
+    if is_off(lift.travel_ratio, TRAVEL) && !curve_known {
+        return Some(Cause::Travel);
     }
     mass_is_off.then_some(match off_n > 0.0 {
         true => Cause::LoadHeavier,

@@ -359,10 +359,10 @@ fn a_lift_weighs_and_tells_what_contradicts_the_settings() {
         (slow_lift(12.0, 1.4, 1.0, 1.0), Cause::AmplifierGain),
         (slow_lift(12.0, 1.0, 0.8, 1.0), Cause::PressureScale),
         (slow_lift(12.0, 1.0, 1.2, 1.0), Cause::PressureScale),
-        (slow_lift(12.0, 1.0, 1.0, 0.5), Cause::EncoderScale),
-        (slow_lift(12.0, 1.0, 1.0, 2.0), Cause::EncoderScale),
+        (slow_lift(12.0, 1.0, 1.0, 0.5), Cause::Travel),
+        (slow_lift(12.0, 1.0, 1.0, 2.0), Cause::Travel),
         (slow_lift(12.0, 1.0, 1.0, -1.0), Cause::EncoderSwapped),
-        (slow_lift(12.0, 1.0, 1.0, 0.0), Cause::LoadHeavier),
+        (slow_lift(12.0, 1.0, 1.0, 0.0), Cause::NotLifted),
         (slow_lift(12.0, 0.0, 1.0, 1.0), Cause::NoAir),
     ] {
         assert_eq!(cause(&lift), Some(expected), "{:?}", lift.mass_kg);

@@ -15,6 +15,7 @@ use hil_sim::commission::written;
 use hil_sim::rig::Rig;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcScale, ValveDrive};
+use muscle_plant::effects::{Catalogue, Effect};
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -62,7 +63,16 @@ fn commission_by(
     steps: &[Step],
     (answers, repairs): (&[(&'static str, &'static str)], bool),
 ) -> Ended {
-    let world = Arc::new(Mutex::new(World::new(wiring)));
+    commission_in(World::new(wiring), stored, steps, (answers, repairs))
+}
+
+fn commission_in(
+    world: World,
+    stored: SettingsValues,
+    steps: &[Step],
+    (answers, repairs): (&[(&'static str, &'static str)], bool),
+) -> Ended {
+    let world = Arc::new(Mutex::new(world));
     let board = InMemory::new(Arc::clone(&world), stored);
     let log = board.log();
     let stop = Arc::new(AtomicBool::new(false));
@@ -223,8 +233,8 @@ fn wrong_settings_are_found_by_the_slow_lift() {
         (old, None),
         (load(6.0), Some(Cause::LoadHeavier)),
         (load(24.0), Some(Cause::LoadLighter)),
-        (encoder(0.5), Some(Cause::EncoderScale)),
-        (encoder(2.0), Some(Cause::EncoderScale)),
+        (encoder(0.5), Some(Cause::Travel)),
+        (encoder(2.0), Some(Cause::Travel)),
         (encoder(-1.0), Some(Cause::EncoderSwapped)),
         (amplifier(0.7), Some(Cause::AmplifierGain)),
         (amplifier(1.0 / 0.7), Some(Cause::AmplifierGain)),
@@ -296,4 +306,18 @@ fn an_interrupt_lets_the_weight_down_and_restores_the_settings() {
         world.travel_m()
     );
     assert_eq!(log.lock().expect("the log").settings, old);
+}
+
+/// Each effect of the catalogue, which a good rig may have, at its typical size.
+#[test]
+fn effects_that_a_good_rig_may_have_raise_no_alarm() {
+    let old = SettingsValues::reference();
+    for kind in Catalogue::standard().kinds() {
+        let mut world = World::new(Wiring::Right);
+        let effect = Effect::typical(kind, &kind.forms[0]);
+        world.rig_mut().effects.push(effect);
+        let ended = commission_in(world, old, &Step::ALL, (&[], false));
+        assert_eq!(ended.found, None, "{}: {}", kind.name, ended.told);
+        assert!(ended.moved_m < MOVED_M_MAX, "{}", kind.name);
+    }
 }

@@ -254,7 +254,7 @@ pub const MISWIRED: [Miswired; 34] = [
         Wiring::WeightBlocked,
         "weight blocked",
         Step::Lift,
-        Cause::LoadHeavier,
+        Cause::NotLifted,
     ),
     wrong(
         Wiring::MuscleLeaks,
@@ -266,7 +266,7 @@ pub const MISWIRED: [Miswired; 34] = [
         Wiring::EncoderLooseLater,
         "encoder comes loose before the lift",
         Step::Lift,
-        Cause::LoadHeavier,
+        Cause::NotLifted,
     ),
 ];
 
@@ -360,6 +360,11 @@ impl World {
     /// Where the weight is now \[m\].
     pub fn travel_m(&self) -> f64 {
         f64::from(self.truth.muscle.initial_length_m) * self.simulation.contraction()
+    }
+
+    /// The rig as it really is.
+    pub fn rig_mut(&mut self) -> &mut Rig {
+        &mut self.rig
     }
 
     fn connect(&mut self, hose: Hose) {
@@ -524,7 +529,11 @@ impl World {
             "load" => "12",
             "lamp" if self.wiring == Wiring::LampDark => "n",
             "lamp" | "write" => "y",
-            "higher" => "n",
+            // It has moved, or it is not free.
+            "higher" => match self.wiring {
+                Wiring::WeightBlocked | Wiring::EncoderLooseLater => "n",
+                _ => "y",
+            },
             "finding" => "q",
             _ => "",
         };
