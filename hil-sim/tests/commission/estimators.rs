@@ -307,8 +307,8 @@ fn known() -> Known {
 }
 
 /// A lift of `mass_kg` by Eq 1 without inertia: the travel follows the balance with Coulomb
-/// friction of 5 N, which is the static one, too. The pressure is `drive` of its reference; what is read
-/// differs by the factors `sensor` and `encoder`.
+/// friction of 5 N, which is the static one, too. The pressure is `drive` of its reference; what is
+/// read differs by the factors `sensor` and `encoder`.
 fn slow_lift(mass_kg: f64, drive: f64, sensor: f64, encoder: f64) -> Lift {
     let muscle = EXPECTED.muscle;
     let friction_n = 5.0;

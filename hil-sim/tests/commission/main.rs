@@ -315,7 +315,7 @@ fn effects_that_a_good_rig_may_have_raise_no_alarm() {
     for kind in Catalogue::standard().kinds() {
         let mut world = World::new(Wiring::Right);
         let effect = Effect::typical(kind, &kind.forms[0]);
-        world.rig_mut().effects.push(effect);
+        world.rig.effects.push(effect);
         let ended = commission_in(world, old, &Step::ALL, (&[], false));
         assert_eq!(ended.found, None, "{}: {}", kind.name, ended.told);
         assert!(ended.moved_m < MOVED_M_MAX, "{}", kind.name);

@@ -309,7 +309,8 @@ pub struct World {
     pub wiring: Wiring,
     /// Electronics as they really are.
     truth: SettingsValues,
-    rig: Rig,
+    /// The rig as it really is.
+    pub rig: Rig,
     hands: Hands,
     wanted: Hands,
     hose: Hose,
@@ -360,11 +361,6 @@ impl World {
     /// Where the weight is now \[m\].
     pub fn travel_m(&self) -> f64 {
         f64::from(self.truth.muscle.initial_length_m) * self.simulation.contraction()
-    }
-
-    /// The rig as it really is.
-    pub fn rig_mut(&mut self) -> &mut Rig {
-        &mut self.rig
     }
 
     fn connect(&mut self, hose: Hose) {
