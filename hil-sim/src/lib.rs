@@ -2,6 +2,7 @@
 //! reports.
 
 pub mod bench;
+pub mod commission;
 pub mod datasheet;
 pub mod design;
 pub mod effect_plots;

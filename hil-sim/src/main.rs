@@ -1,7 +1,7 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: success. 1: a case of the fault campaign violates its bounds, or a board does not
-//! respond. 2: bad input, or a file that cannot be written, reported in one line. 130: interrupted.
+//! Exit status 0: success. 1: a case of the fault campaign violates its bounds, a commissioning ended
+//! early, or a board does not respond. 2: bad input, or a file that cannot be written, reported in one line. 130: interrupted.
 
 mod cmd;
 
@@ -71,6 +71,8 @@ enum Command {
     Diagnose(cmd::diagnose::Args),
     /// Derive the controller's compensation from a fitted rig, and test it in the closed loop
     Compensate(cmd::compensate::Args),
+    /// Lead through the first use of a board on its rig: wiring, scales, valve, first lift
+    Commission(cmd::commission::Args),
     /// Read the settings of a board, or store new ones on it
     Settings(cmd::settings::Args),
     /// List the effects that a rig may have, or show one
@@ -145,6 +147,10 @@ fn main() -> ExitCode {
         Some(Command::Record(args)) => cmd::record::run(&args),
         Some(Command::Replay(args)) => cmd::replay::run(&args),
         Some(Command::Faults(args)) => match cmd::faults::run(&args) {
+            Ok(false) => return ExitCode::FAILURE,
+            ran => ran.map(drop),
+        },
+        Some(Command::Commission(args)) => match cmd::commission::run(&args) {
             Ok(false) => return ExitCode::FAILURE,
             ran => ran.map(drop),
         },

@@ -2,6 +2,7 @@
 
 pub mod board;
 pub mod check;
+pub mod commission;
 pub mod compensate;
 pub mod completions;
 pub mod design;

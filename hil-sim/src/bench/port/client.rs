@@ -171,6 +171,11 @@ impl<P: Transport> Client<P> {
         self.transport.take_log()
     }
 
+    /// Goes on after [`LinkError::Stopped`], to leave the board in a safe state.
+    pub fn resume(&mut self) {
+        self.stop.store(false, Ordering::Relaxed);
+    }
+
     /// Sends a message.
     ///
     /// # Errors
@@ -351,6 +356,19 @@ impl<P: Transport> Client<P> {
             }
             if telemetry.source == Source::Pins && tick > ENTER_TICKS_MAX {
                 return Err(LinkError::Armed(telemetry.output.mode));
+            }
+        }
+    }
+
+    /// The telemetry of the next tick. Other messages are dropped.
+    ///
+    /// # Errors
+    /// None comes for the time after which the client gives up.
+    pub fn next_tick(&mut self) -> Result<Telemetry, LinkError> {
+        let mut quiet = Duration::ZERO;
+        loop {
+            if let Some(telemetry) = self.telemetry_or_give_up(&mut quiet)? {
+                return Ok(telemetry);
             }
         }
     }

@@ -7,6 +7,7 @@ mod assist;
 mod boot;
 mod budget;
 mod clock;
+mod commission;
 mod crash;
 mod debugger;
 mod faults;
