@@ -1,7 +1,8 @@
 //! The `hil-sim` command: results on stdout, everything else on stderr.
 //!
-//! Exit status 0: success. 1: a case of the fault campaign violates its bounds, a commissioning ended
-//! early, or a board does not respond. 2: bad input, or a file that cannot be written, reported in one line. 130: interrupted.
+//! Exit status 0: success. 1: a case of the fault campaign violates its bounds, a commissioning
+//! ended early, or a board does not respond. 2: bad input, or a file that cannot be written,
+//! reported in one line. 130: interrupted.
 
 mod cmd;
 

@@ -110,8 +110,8 @@ impl Rig {
         });
         let force_n = self.rest_force_n(supply_pa);
         let expected = format!(
-            "a gauge pressure in Pa with which the muscle pulls, found {supply_pa} with {force_n:.1} N \
-             at rest length{likely}"
+            "a gauge pressure in Pa with which the muscle pulls, found {supply_pa} with \
+             {force_n:.1} N at rest length{likely}"
         );
         Some(self.bad("valve.supply_pressure_pa", &expected))
     }
@@ -323,8 +323,8 @@ mod tests {
             );
         }
         let message = told("alpha_m2 = 0.05 ", "alpha_m2 = 5 ").expect("refused");
-        let likely = "tolerance.muscle.alpha_m2`: expected a relative standard deviation of at most \
-                      1, found 5, most likely percent: write 5e-2";
+        let likely = "tolerance.muscle.alpha_m2`: expected a relative standard deviation of at \
+                      most 1, found 5, most likely percent: write 5e-2";
         assert!(message.contains(likely), "{message}");
         assert_eq!(told("mass_kg = 12.0", "mass_kg = 20.0"), None);
     }

@@ -155,7 +155,8 @@ pub fn import(bytes: &[u8]) {
 
 /// Of MATLAB's variables, of the example, and of a CSV file whose clock restarts.
 const IMPORT_MAPS: [&str; 3] = [
-    "[time]\ncolumn = \"t_ms\"\nunit = \"ms\"\n[columns.pressure_pa]\ncolumn = \"p\"\nunit = \"bar\"\n\
+    "[time]\ncolumn = \"t_ms\"\nunit = \"ms\"\n\
+     [columns.pressure_pa]\ncolumn = \"p\"\nunit = \"bar\"\n\
      [columns.contraction]\ncolumn = \"data(:,2)\"\nunit = \"%\"\n\
      [columns.force_n]\ncolumn = \"s.x\"\nunit = \"N\"\n",
     Map::EXAMPLE_TOML,

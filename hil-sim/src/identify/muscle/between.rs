@@ -152,7 +152,7 @@ fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
         let missed_pa = (read_pa[row + 1] - end_pa).abs() - MISS_NOISES * noise_pa;
         Between {
             bow_pa: mean_pa - 0.5 * (begin_pa + end_pa),
-            // The mean is off by any share between −½ and ½ of what was missed; a gap tells nothing.
+            // The mean is off by a share between −½ and ½ of what was missed; a gap tells nothing.
             doubt_pa: missed_pa.max(0.0) / 12.0_f64.sqrt(),
         }
     };

@@ -144,8 +144,8 @@ impl Prepared {
         Some(fading.collect())
     }
 
-    /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever sets
-    /// it sees no less.
+    /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever
+    /// sets it sees no less.
     fn zeros_of_gas(&self) -> Vec<Vec<f64>> {
         vec![vec![1.0; self.gas_rows.len()]]
     }

@@ -218,8 +218,8 @@ pub(crate) fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
 }
 
 /// Standard deviation of white noise on a signal, from a low quantile over stretches of the mean
-/// squared third difference: some stretches that are no smooth motion hardly raise it, and it is not
-/// granular as a quantile over rounded samples would be. Where only half of the stretches are
+/// squared third difference: some stretches that are no smooth motion hardly raise it, and it is
+/// not granular as a quantile over rounded samples would be. Where only half of the stretches are
 /// smooth it is 12 % too large, as the quantile is then one of 20 %.
 fn noise(values: &[f64]) -> f64 {
     let third = |v: &[f64]| (v[3] - 3.0 * v[2] + 3.0 * v[1] - v[0]).powi(2);
@@ -384,9 +384,9 @@ mod tests {
         assert!((noise(&values) - 1.0).abs() < 0.005, "{}", noise(&values));
     }
 
-    /// At 20 Hz, a swing of two seconds every eight. In two thirds of the stretches there is none of
-    /// it; a tenth of all is 15 % of these, which is √(0.55 / 0.476) = 1.07 times the noise, and some
-    /// 130 stretches tell it to within 8 %.
+    /// At 20 Hz, a swing of two seconds every eight. In two thirds of the stretches there is none
+    /// of it; a tenth of all is 15 % of these, which is √(0.55 / 0.476) = 1.07 times the noise, and
+    /// some 130 stretches tell it to within 8 %.
     #[test]
     fn a_motion_that_samples_do_not_resolve_is_no_noise() {
         let swing = |row: usize| match row % 160 {

@@ -1,7 +1,7 @@
 //! Variables of MATLAB files, with the feature `matlab`.
 //!
-//! What a small file can cost is bounded: it may state any size, unpack to a thousand times its own,
-//! and link to itself.
+//! What a small file can cost is bounded: it may state any size, unpack to a thousand times its
+//! own, and link to itself.
 
 mod version_5;
 
@@ -56,8 +56,8 @@ fn version_7(name: &str, bytes: &[u8]) -> Result<Vec<Variable>, BadInput> {
         objects += 1 + datasets.len();
         if objects > OBJECTS_MAX || depth > DEPTH_MAX {
             let expected = format!(
-                "at most {OBJECTS_MAX} datasets and groups, {DEPTH_MAX} deep, found more: do groups \
-                 link back to others?"
+                "at most {OBJECTS_MAX} datasets and groups, {DEPTH_MAX} deep, found more: do \
+                 groups link back to others?"
             );
             return Err(BadInput::file(name, expected));
         }

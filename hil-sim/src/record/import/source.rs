@@ -68,7 +68,8 @@ const OTHER_FORMATS: [(&[u8], &str); 8] = [
     ),
     (
         b"SQLite format 3",
-        "CSV (`sqlite3 -header -csv FILE 'select * from TABLE'`), found SQLite, as bags of ROS 2 are",
+        "CSV (`sqlite3 -header -csv FILE 'select * from TABLE'`), found SQLite, as bags of \
+         ROS 2 are",
     ),
     (b"\x1f\x8b", "an unpacked file (`gunzip FILE`), found gzip"),
 ];
