@@ -99,6 +99,17 @@ fn untold(path: &Path) -> String {
     )
 }
 
+/// Checks that a rig tells how well its values are known, or is said to be exact.
+fn check_tolerances(rig: &Rig, args: &Args) -> Result<(), BadInput> {
+    match (rig.tolerances.is_empty(), args.exact) {
+        (true, false) => Err(rig.bad_file(&untold(&args.rig))),
+        (false, true) => Err(rig.bad_file(
+            "no [tolerance.*] tables with --exact, which says that every value is exact",
+        )),
+        (true, true) | (false, false) => Ok(()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let text = Rig::read_text(&args.rig)?;
@@ -112,13 +123,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             return Err(BadInput::file(file, "a record that is not fitted too").into());
         }
     }
-    if rig.tolerances.is_empty() && !args.exact {
-        return Err(rig.bad_file(&untold(&args.rig)).into());
-    }
-    if args.exact && !rig.tolerances.is_empty() {
-        let expected = "no [tolerance.*] tables with --exact, which says that every value is exact";
-        return Err(rig.bad_file(expected).into());
-    }
+    check_tolerances(&rig, args)?;
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads);

@@ -136,18 +136,7 @@ fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
             _ => simulated_pa[first + part],
         };
         let end_pa = value_pa(*parts);
-        // Simpson's rule over the halves of each part.
-        let mean_pa = if *parts == 1 {
-            0.5 * (begin_pa + end_pa)
-        } else {
-            let weight = |part: usize| match part {
-                _ if part == 0 || part == *parts => 1.0,
-                _ if part % 2 == 1 => 4.0,
-                _ => 2.0,
-            };
-            let sum: f64 = (0..=*parts).map(|part| weight(part) * value_pa(part)).sum();
-            sum / (3.0 * *parts as f64)
-        };
+        let mean_pa = mean(*parts, value_pa);
         first += *parts;
         let missed_pa = (read_pa[row + 1] - end_pa).abs() - MISS_NOISES * noise_pa;
         Between {
@@ -157,6 +146,21 @@ fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
         }
     };
     Some(parts.iter().enumerate().map(bow).collect())
+}
+
+/// The mean of `value` over so many parts, by Simpson's rule over pairs of them; of a straight line
+/// over one.
+fn mean(parts: usize, value: impl Fn(usize) -> f64) -> f64 {
+    if parts == 1 {
+        return 0.5 * (value(0) + value(1));
+    }
+    let weight = |part: usize| match part {
+        _ if part == 0 || part == parts => 1.0,
+        _ if part % 2 == 1 => 4.0,
+        _ => 2.0,
+    };
+    let sum: f64 = (0..=parts).map(|part| weight(part) * value(part)).sum();
+    sum / (3.0 * parts as f64)
 }
 
 /// `values` at a `share` of the interval after `row`, by the cubic through the rows about it, or
