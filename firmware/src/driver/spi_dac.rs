@@ -12,9 +12,14 @@ use stm32f4xx_hal::spi::Spi;
 /// The unit of the chip behind the valve's voltage.
 pub use stm32f4xx_hal::pac::SPI2 as Unit;
 
-/// SPI clock \[Hz\]: a word takes 2 µs, and the wires may be long.
-const CLOCK_HZ: u32 = 9_000_000;
-const _: () = assert!(CLOCK_HZ <= CLOCK_HZ_MAX);
+/// SPI clock \[Hz\]: a word takes 2.7 µs, and the wires may be long.
+const CLOCK_HZ: u32 = 6_000_000;
+const _: () = {
+    assert!(CLOCK_HZ <= CLOCK_HZ_MAX);
+    // The HAL would take the next divider below, which is a faster clock.
+    let divider = board::PCLK1_HZ / CLOCK_HZ;
+    assert!(divider * CLOCK_HZ == board::PCLK1_HZ && divider.is_power_of_two());
+};
 
 /// The valve output.
 pub struct Valve {
