@@ -120,6 +120,7 @@ impl Devices {
             stack_free_bytes,
             reference: (adc.start_reference, adc::calibrated_reference()),
             valve: adc.start_valve,
+            valve_limits: valve::READ_BACK,
             brown_out_level: flash.brown_out_level(),
         };
         let encoder = Encoder::new(Counter::new(device.TIM5, pins.encoder, &mut rcc));

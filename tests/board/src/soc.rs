@@ -1,7 +1,7 @@
 //! The chip around the core: the address map of the peripherals, their interrupts and triggers,
 //! and the time of the next event. Independent of how instructions are executed.
 
-use crate::adc::{Adc, VREFINT_VOLTS};
+use crate::adc::{Adc, VREF_VOLTS, VREFINT_VOLTS};
 use crate::chip::Chip;
 use crate::counters::{CycleCounter, SysTick};
 use crate::dac::Dac;
@@ -401,12 +401,16 @@ impl Soc {
     ///
     /// A chip without a DAC has an MCP4922 in the place of the first channel.
     pub fn dac_volts(&self, channel: usize) -> Option<f64> {
+        // Either converter divides the board's supply.
+        let of_supply = self.external.converter.vref_volts / VREF_VOLTS;
         if !self.chip.has(Bus::Apb1, 29) {
             let shutdown = self.gpio.output(gpio::CONVERTER_SHUTDOWN);
-            return self.mcp4922.volts(shutdown).filter(|_| channel == 0);
+            let volts = self.mcp4922.volts(shutdown).filter(|_| channel == 0);
+            return volts.map(|volts| volts * of_supply);
         }
         let connected = self.gpio.mode(gpio::DAC_PINS[channel]) == Mode::Analog;
-        self.dac.volts(channel).filter(|_| connected)
+        let volts = self.dac.volts(channel).filter(|_| connected);
+        volts.map(|volts| volts * of_supply)
     }
 
     fn write_spi(&mut self, offset: u32, value: u32) {

@@ -65,8 +65,15 @@ fn valve_that_does_not_have_its_voltage_prevents_assistance() {
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn supply_that_is_off_by_more_than_ten_percent_prevents_assistance() {
-    let expected = (Some(StartFault::Supply), Mode::Venting);
-    for vref_volts in [2.9, 3.75] {
+    let faulty = (Some(StartFault::Supply), Mode::Venting);
+    let healthy = (None, Mode::Assisting);
+    // A count of the reference is 2 mV of the supply.
+    for (vref_volts, expected) in [
+        (2.965, faulty),
+        (2.975, healthy),
+        (3.625, healthy),
+        (3.635, faulty),
+    ] {
         let off = Imperfection {
             vref_volts,
             ..Imperfection::default()
