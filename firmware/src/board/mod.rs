@@ -79,7 +79,7 @@ const _: () = {
     let counts = TIMER_HZ as u64 * TICK_US as u64;
     let scan_counts = TICK_PRESCALER as u64 * SCAN_COUNTS as u64;
     assert!(counts == scan_counts * SCANS as u64 * 1_000_000);
-    assert!(TIMER_HZ % 1_000_000 == 0 && TICK_PRESCALER <= 1 << 16);
+    assert!(TIMER_HZ.is_multiple_of(1_000_000) && TICK_PRESCALER <= 1 << 16);
     assert!(SYSCLK_HZ as u64 * TICK_US as u64 == TICK_CYCLES.get() as u64 * 1_000_000);
     // The link's nearest baud rate is within 1 %: both ends tolerate 3.33 % together.
     let divider = (PCLK1_HZ + LINK_BAUD / 2) / LINK_BAUD;
