@@ -59,8 +59,8 @@ impl StartFault {
     }
 }
 
-/// The levels to which the valve's voltage is set \[counts\]. The second one is 0.41 V for some 100 µs:
-/// the valve has no time to follow.
+/// The levels to which the valve's voltage is set \[counts\]. The second one is 0.41 V for some
+/// 100 µs: the valve has no time to follow.
 pub const VALVE_LEVELS: [u16; 2] = [0, 512];
 
 /// What the firmware has measured.

@@ -55,8 +55,8 @@ impl<B: SpiBus, S: OutputPin, D: OutputPin> Mcp4922<B, S, D> {
 }
 
 impl<B: SpiBus, S: OutputPin, D: OutputPin> AnalogOutput for Mcp4922<B, S, D> {
-    /// Shuts the converter down if the bus fails, because the voltage would be that of another tick,
-    /// and at 0 V: nothing answers on the bus, and a word that a broken wire loses leaves the
+    /// Shuts the converter down if the bus fails, as the voltage would be that of another tick, and
+    /// at 0 V: nothing answers on the bus, and a word that a broken wire loses leaves the
     /// voltage as it is, but SHDN has a wire of its own.
     fn set(&mut self, count: DacCount) {
         let _ = match self.write(COMMAND | count.get()) {

@@ -39,17 +39,17 @@ pub const SETTINGS_SECTORS: [(u8, Range<usize>); 2] =
 /// CPU clock \[Hz\], by PLL from the chip's own oscillator (HSI, 16 MHz): no plug, probe or crystal
 /// can take it away. HSI is within 1 % at 25 °C, within 4 % from -10 to 85 °C (datasheet): at most
 /// 99.8 of 100 MHz, with 3 wait states of the flash; APB1 49.9 of 50 MHz, and the PLL's oscillator,
-/// of which the HAL makes 384 MHz, 399 of 432 MHz. (From 72 MHz the HAL would make 432 MHz: above the
-/// limit with any HSI that is fast.) The divider of [`super::LINK_BAUD`] is off by 0.16 %, exactly as
-/// the ST-LINK's is.
+/// of which the HAL makes 384 MHz, 399 of 432 MHz. (From 72 MHz the HAL would make 432 MHz: above
+/// the limit with any HSI that is fast.) The divider of [`super::LINK_BAUD`] is off by 0.16 %,
+/// exactly as the ST-LINK's is.
 pub const SYSCLK_HZ: u32 = 96_000_000;
 /// PWR_CR.VOS for up to 100 MHz.
 const VOS_SCALE_1: u8 = 0b11;
 /// Clock of the timers on APB1 \[Hz\]: APB1 runs at SYSCLK / 2, its timers at twice that.
 pub const TIMER_HZ: u32 = SYSCLK_HZ;
 
-/// The clocks. Sets the regulator to scale 1 first, which the HAL does not: scale 2, the one after a
-/// reset, is for 84 MHz. The scale takes effect when the PLL starts.
+/// The clocks. Sets the regulator to scale 1 first, which the HAL does not: scale 2, the one after
+/// a reset, is for 84 MHz. The scale takes effect when the PLL starts.
 pub fn clocks(rcc: &RCC, power: &PWR) -> Config {
     rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
     // A unit takes two cycles to get its clock.

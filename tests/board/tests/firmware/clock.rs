@@ -112,7 +112,7 @@ fn with_hsi(hsi_hz: u64) -> (Rig, f64, bool) {
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn tick_and_link_bear_the_tolerance_of_the_oscillator() {
-    // 50.4 GHz is a multiple of the CPU's clock of each board for these, as the emulated board needs.
+    // 50.4 GHz is a multiple of each board's CPU clock for these, as the emulated board needs.
     for period_units in [3060, 3114, 3150, 3186, 3240] {
         let hsi_hz = 50_400_000_000 / period_units;
         let (rig, period_ns, answered) = with_hsi(hsi_hz);
