@@ -8,10 +8,14 @@ use core::hint::black_box;
 use core::num::NonZeroU32;
 use core::panic::PanicInfo;
 use model_core::device::{Device, Pins};
-use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, ToDevice, encode};
+use model_core::link::{
+    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, board_name,
+    check_image, encode,
+};
 use model_core::sampling::{SAMPLES, Sampler};
 use model_core::settings::Settings;
-use model_core::timing::TickClock;
+use model_core::start::{StartFault, StartFindings, VALVE_LEVELS, valve_level};
+use model_core::timing::{LinkLoad, TickClock};
 use stm32f4xx_hal as _;
 
 #[panic_handler]
@@ -35,7 +39,34 @@ fn main() -> ! {
     };
     let _ = black_box(settings.encode(black_box(&mut [0; 256])));
     let _ = black_box(Settings::decode(black_box(&[0; 200])));
-    let mut device = Device::new(settings);
+    let findings = StartFindings {
+        image: check_image(black_box(&[0; 64])),
+        ram: black_box(true),
+        stack_free_bytes: black_box(0),
+        reference: black_box((0, 0)),
+        valve: black_box([0; VALVE_LEVELS.len()]),
+        valve_limits: black_box([(0, 0); VALVE_LEVELS.len()]),
+        brown_out_level: black_box(0),
+    };
+    let start = findings.fault();
+    black_box(valve_level(black_box(0)).get());
+    let identity = Identity {
+        firmware: [0; 3],
+        commit: 0,
+        board: board_name("board"),
+        cpu_hz: 0,
+        reset: ResetCause::Power,
+        crash: None,
+        fault: None,
+        start,
+        settings: SettingsSource::Stored,
+        stack_free_bytes: 0,
+        frames_rejected: 0,
+        messages_dropped: 0,
+    };
+    let mut load = LinkLoad::new(black_box(NonZeroU32::MIN));
+    let start = black_box(Some(StartFault::Ram));
+    let mut device = Device::new(settings).started(start);
     let mut sampler = Sampler::new(black_box(0));
     loop {
         let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
@@ -60,6 +91,11 @@ fn main() -> ! {
             black_box(&FromDevice::Settings(values)),
             &mut [0; 255],
         ));
+        let identity = FromDevice::Identity(black_box(identity));
+        let _ = black_box(encode(&identity, &mut [0; FRAME_LEN_MAX]));
+        load.sent(black_box(0));
+        load.received();
+        black_box(load.tick());
         black_box((tick.valve.get(), tick.port_pulse, tick.lamp));
     }
 }

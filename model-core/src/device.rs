@@ -162,6 +162,8 @@ impl<C: Control> Device<C> {
             (None, _) => (Source::Pins, from_pins(pins, timing, request)),
         };
         let start = *self.start.get();
+        // A copy that has flipped is outvoted only while the two others are intact.
+        self.start.set(start);
         match start.filter(|fault| fault.prevents_assistance()) {
             Some(fault) if source == Source::Pins => {
                 self.output = Output {
@@ -193,7 +195,7 @@ impl<C: Control> Device<C> {
                 self.output.mode,
                 self.output.fault,
                 stop,
-                start.is_some(),
+                start == Some(StartFault::BrownOut),
                 self.tick,
             ),
             armed: self.is_armed(),
@@ -691,6 +693,35 @@ mod tests {
             let seen = tick(&mut device, &resting(), &[simulated(1, Request::None)]);
             assert_eq!(mode(&seen), Mode::SelfCheck);
             assert_eq!(seen.valve, DacCount::default());
+        }
+    }
+
+    #[test]
+    fn lamp_warns_of_a_brown_out_only() {
+        for (fault, _) in StartFault::NAMED {
+            let mut device = Device::new(settings()).started(Some(*fault));
+            tick(&mut device, &resting(), &[Command::EnterHil]);
+            let mut in_loop = |n| tick(&mut device, &resting(), &[simulated(n, Request::None)]);
+            (1..=60).for_each(|n| _ = in_loop(n));
+            let period = (61..=260).map(in_loop);
+            let lit_ticks = period
+                .inspect(|seen| assert_eq!(mode(seen), Mode::Ready))
+                .filter(|seen| seen.lamp)
+                .count();
+            let flashes = if *fault == StartFault::BrownOut { 3 } else { 1 };
+            assert_eq!(lit_ticks, 10 * flashes, "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn flips_of_the_start_up_fault_do_not_accumulate() {
+        for fault in [None, Some(StartFault::Ram)] {
+            let mut device = Device::new(settings()).started(fault);
+            for copy in 0..3 {
+                device.start.copies_mut()[copy] = Some(StartFault::Supply);
+                tick(&mut device, &resting(), &[]);
+                assert_eq!(device.start, Voted::new(fault), "copy {copy}");
+            }
         }
     }
 

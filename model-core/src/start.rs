@@ -4,6 +4,7 @@
 //! without hardware in the loop; here is what only the board itself can have.
 
 use crate::names::names;
+use crate::sampling::is_supply_valid;
 use crate::signal::DacCount;
 use serde::{Deserialize, Serialize};
 
@@ -58,13 +59,9 @@ impl StartFault {
     }
 }
 
-/// The levels to which the valve's voltage is set, and their limits as read back \[counts\]. The
-/// second one is 0.41 V for some 100 µs: the valve has no time to follow. A count is 0.8 mV; both
-/// converters have offsets of some counts, and a 1 MΩ load takes 1.5 % of the second level.
-pub const VALVE_LEVELS: [(u16, u16, u16); 2] = [(0, 0, 40), (512, 464, 552)];
-
-/// The supply may differ from 3.3 V by this share: 1 / 10.
-const SUPPLY_SHARE_MAX: u32 = 10;
+/// The levels to which the valve's voltage is set \[counts\]. The second one is 0.41 V for some
+/// 100 µs: the valve has no time to follow.
+pub const VALVE_LEVELS: [u16; 2] = [0, 512];
 
 /// What the firmware has measured.
 #[derive(Clone, Copy, Debug)]
@@ -79,31 +76,32 @@ pub struct StartFindings {
     pub reference: (u16, u16),
     /// The valve's voltage as read back, for each of [`VALVE_LEVELS`] \[counts\].
     pub valve: [u16; VALVE_LEVELS.len()],
+    /// The lowest and the highest count of each: the board's converter has tolerances.
+    pub valve_limits: [(u16, u16); VALVE_LEVELS.len()],
     /// The chip's option BOR_LEV; 0 is the highest level.
     pub brown_out_level: u8,
 }
 
 /// A level of the test for the valve's output.
 pub fn valve_level(index: usize) -> DacCount {
-    DacCount::new(VALVE_LEVELS.get(index).map_or(0, |(level, ..)| *level))
+    DacCount::new(VALVE_LEVELS.get(index).copied().unwrap_or(0))
 }
 
 impl StartFindings {
     /// The first thing that is wrong, the most fundamental one first.
     pub fn fault(&self) -> Option<StartFault> {
-        let (reference, calibrated) = (u32::from(self.reference.0), u32::from(self.reference.1));
-        let off = reference.abs_diff(calibrated);
+        let (reference, calibrated) = self.reference;
         let valve_follows =
-            |((_, low, high), seen): (&(u16, u16, u16), &u16)| (*low..=*high).contains(seen);
+            |((low, high), seen): (&(u16, u16), &u16)| (*low..=*high).contains(seen);
         if self.image == Some(false) {
             Some(StartFault::Image)
         } else if !self.ram {
             Some(StartFault::Ram)
         } else if self.stack_free_bytes == 0 {
             Some(StartFault::Stack)
-        } else if off * SUPPLY_SHARE_MAX > calibrated {
+        } else if !is_supply_valid(reference.into(), calibrated.into()) {
             Some(StartFault::Supply)
-        } else if !VALVE_LEVELS.iter().zip(&self.valve).all(valve_follows) {
+        } else if !self.valve_limits.iter().zip(&self.valve).all(valve_follows) {
             Some(StartFault::ValveVoltage)
         } else if self.brown_out_level != 0 {
             Some(StartFault::BrownOut)
@@ -123,6 +121,7 @@ mod tests {
         stack_free_bytes: 3_000,
         reference: (1_510, 1_502),
         valve: [3, 504],
+        valve_limits: [(0, 40), (464, 552)],
         brown_out_level: 0,
     };
 
@@ -138,8 +137,8 @@ mod tests {
         findings[0].image = Some(false);
         findings[1].ram = false;
         findings[2].stack_free_bytes = 0;
-        findings[3].reference.0 = 1_350;
-        findings[4].reference.0 = 1_654;
+        findings[3].reference.0 = 1_365;
+        findings[4].reference.0 = 1_669;
         findings[5].valve[0] = 41;
         findings[6].valve[1] = 463;
         findings[7].valve[1] = 553;
@@ -161,6 +160,16 @@ mod tests {
     }
 
     #[test]
+    fn supply_is_accepted_from_2_97_to_3_63_v() {
+        for (volts, accepted) in [(2.965, false), (2.975, true), (3.625, true), (3.635, false)] {
+            let mut findings = HEALTHY;
+            findings.reference.0 = (f64::from(HEALTHY.reference.1) * 3.3 / volts).round() as u16;
+            let expected = (!accepted).then_some(StartFault::Supply);
+            assert_eq!(findings.fault(), expected, "{volts} V");
+        }
+    }
+
+    #[test]
     fn the_fault_that_spoils_the_other_findings_is_reported() {
         let all = StartFindings {
             image: Some(false),
@@ -168,6 +177,7 @@ mod tests {
             stack_free_bytes: 0,
             reference: (0, 1_502),
             valve: [4_095; 2],
+            valve_limits: HEALTHY.valve_limits,
             brown_out_level: 3,
         };
         assert_eq!(all.fault(), Some(StartFault::Image));

@@ -43,9 +43,9 @@ fn elf(symbols: &str) -> Vec<u8> {
     [&elf, symbols.as_bytes(), b"\0"].concat()
 }
 
-/// Status and output of the configured runner for an image with these symbols; a program in place
-/// of probe-rs prints its arguments.
-fn run(symbols: &str) -> (bool, String) {
+/// Status and output of the configured runner for an image with these symbols, called as cargo does
+/// with options of probe-rs; a program in place of probe-rs prints its arguments.
+fn run(symbols: &str, options: &[&str]) -> (bool, String) {
     let folder = tempfile::tempdir().unwrap();
     let probe_rs = folder.path().join("probe-rs");
     fs::write(&probe_rs, "#!/bin/sh\necho \"$@\"\n").unwrap();
@@ -55,14 +55,17 @@ fn run(symbols: &str) -> (bool, String) {
     let path = std::env::var("PATH").unwrap();
     let output = Command::new(format!("{ROOT}/{}", configured("runner")))
         .arg(&elf)
+        .args(options)
         .env("PATH", format!("{}:{path}", folder.path().display()))
         .output()
         .unwrap();
     if output.status.success() {
         // The length; the firmware on the emulated board compares the checksum.
-        let sealed = fs::read(&elf).unwrap();
+        let arguments = String::from_utf8(output.stdout.clone()).unwrap();
+        let sealed = fs::read(arguments.trim_end().rsplit(' ').next().unwrap()).unwrap();
         let at = 52 + 32 + IMAGE_LENGTH_AT;
         assert_eq!(sealed[at..at + 4], [SEGMENT_LEN as u8, 0, 0, 0]);
+        assert_eq!(fs::read(&elf).unwrap(), self::elf(symbols), "cargo's image");
     }
     let text = [output.stdout, output.stderr].concat();
     (output.status.success(), String::from_utf8(text).unwrap())
@@ -72,7 +75,7 @@ fn run(symbols: &str) -> (bool, String) {
 /// firmware's handler brings the valve to 0 V.
 #[test]
 fn flashing_catches_neither_reset_nor_hard_fault() {
-    let (done, arguments) = run("chip_STM32F446RETx");
+    let (done, arguments) = run("chip_STM32F446RETx", &[]);
     let expected = "run --chip STM32F446RETx --no-catch-reset --no-catch-hardfault /";
     assert!(done && arguments.starts_with(expected), "{arguments}");
     let flash: Vec<&str> = configured("firmware-flash").split(' ').collect();
@@ -81,15 +84,25 @@ fn flashing_catches_neither_reset_nor_hard_fault() {
 
 #[test]
 fn image_for_a_debugger_may_be_halted() {
-    let (done, arguments) = run("chip_STM32F411RETx\0watchdog_stops_in_debug");
+    let (done, arguments) = run("chip_STM32F411RETx\0watchdog_stops_in_debug", &[]);
     assert!(
         done && arguments.starts_with("run --chip STM32F411RETx /"),
         "{arguments}"
     );
 }
 
+/// `cargo firmware-flash -- --probe 0483:374b`
+#[test]
+fn options_of_probe_rs_follow_the_image() {
+    let (done, arguments) = run("chip_STM32F446RETx", &["--probe", "0483:374b"]);
+    assert!(
+        done && arguments.contains(" --probe 0483:374b /"),
+        "{arguments}"
+    );
+}
+
 #[test]
 fn image_that_names_no_chip_is_refused() {
-    let (done, text) = run("main");
+    let (done, text) = run("main", &[]);
     assert!(!done && text.contains("names no chip"), "{text}");
 }

@@ -9,11 +9,17 @@ use crate::valve::AnalogOutput;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::{MODE_0, Mode, SpiBus};
 use model_core::signal::DacCount;
+use model_core::start::VALVE_LEVELS;
 
 /// The SPI mode; the converter also takes mode 3.
 pub const MODE: Mode = MODE_0;
 /// Highest SPI clock at 3.3 V \[Hz\].
 pub const CLOCK_HZ_MAX: u32 = 20_000_000;
+
+/// What the chip's converter may read back at [`VALVE_LEVELS`] \[counts\]: 0 V is that of the open
+/// output; at the second level the offset is 41, the gain error 5, the nonlinearity 12 (datasheet,
+/// 1 % of full scale, 1 % and 12 LSB), and the reading converter's error 5.
+pub const READ_BACK: [(u16, u16); VALVE_LEVELS.len()] = [(0, 40), (449, 575)];
 
 /// Channel A, reference unbuffered (its range then includes the supply), gain 1, active.
 const COMMAND: u16 = 0x3000;
@@ -49,11 +55,13 @@ impl<B: SpiBus, S: OutputPin, D: OutputPin> Mcp4922<B, S, D> {
 }
 
 impl<B: SpiBus, S: OutputPin, D: OutputPin> AnalogOutput for Mcp4922<B, S, D> {
-    /// Shuts the converter down if the bus fails: the voltage would be that of another tick.
+    /// Shuts the converter down if the bus fails, as the voltage would be that of another tick, and
+    /// at 0 V: nothing answers on the bus, and a word that a broken wire loses leaves the
+    /// voltage as it is, but SHDN has a wire of its own.
     fn set(&mut self, count: DacCount) {
         let _ = match self.write(COMMAND | count.get()) {
-            Some(()) => self.shutdown.set_high(),
-            None => self.shutdown.set_low(),
+            Some(()) if count != DacCount::default() => self.shutdown.set_high(),
+            _ => self.shutdown.set_low(),
         };
     }
 }
@@ -75,7 +83,7 @@ mod tests {
     fn word_of_channel_a_is_framed_by_select_and_ends_the_shutdown() {
         use State::{High, Low};
         let mut spi = Spi::new(&[
-            Transaction::write_vec(vec![0x30, 0x00]),
+            Transaction::write_vec(vec![0x30, 0x01]),
             Transaction::flush(),
             Transaction::write_vec(vec![0x3a, 0xbc]),
             Transaction::flush(),
@@ -83,8 +91,28 @@ mod tests {
         let mut select = states([High, Low, High, Low, High]);
         let mut shutdown = states([Low, High, High]);
         let mut valve = Mcp4922::new(spi.clone(), select.clone(), shutdown.clone());
-        valve.set(DacCount::default());
+        valve.set(DacCount::new(1));
         valve.set(DacCount::new(0xabc));
+        spi.done();
+        select.done();
+        shutdown.done();
+    }
+
+    #[test]
+    fn zero_volts_need_no_word_to_arrive() {
+        use State::{High, Low};
+        // The chip sees no difference between a converter and a broken wire.
+        let mut spi = Spi::new(&[
+            Transaction::write_vec(vec![0x38, 0x00]),
+            Transaction::flush(),
+            Transaction::write_vec(vec![0x30, 0x00]),
+            Transaction::flush(),
+        ]);
+        let mut select = states([High, Low, High, Low, High]);
+        let mut shutdown = states([Low, High, Low]);
+        let mut valve = Mcp4922::new(spi.clone(), select.clone(), shutdown.clone());
+        valve.set(DacCount::new(0x800));
+        valve.set(DacCount::default());
         spi.done();
         select.done();
         shutdown.done();

@@ -30,6 +30,8 @@ use stm32f4xx_hal::pac::{GPIOA, GPIOB, GPIOC};
 pub const TICK_US: u32 = 1_000 * TICK_PERIOD_MS;
 /// CPU cycles per tick.
 pub const TICK_CYCLES: NonZeroU32 = NonZeroU32::new(SYSCLK_HZ / 1_000_000 * TICK_US).unwrap();
+/// Clock of APB1, on which USART2 and SPI2 are \[Hz\]: half that of its timers on every board.
+pub const PCLK1_HZ: u32 = TIMER_HZ / 2;
 /// Counts of the tick timer from one scan of the converter to the next: one per microsecond.
 pub const SCAN_COUNTS: u32 = TICK_US / SCANS as u32;
 /// Prescaler of the tick timer: to 1 MHz.
@@ -77,6 +79,9 @@ const _: () = {
     let counts = TIMER_HZ as u64 * TICK_US as u64;
     let scan_counts = TICK_PRESCALER as u64 * SCAN_COUNTS as u64;
     assert!(counts == scan_counts * SCANS as u64 * 1_000_000);
-    assert!(TICK_PRESCALER <= 1 << 16);
+    assert!(TIMER_HZ.is_multiple_of(1_000_000) && TICK_PRESCALER <= 1 << 16);
     assert!(SYSCLK_HZ as u64 * TICK_US as u64 == TICK_CYCLES.get() as u64 * 1_000_000);
+    // The link's nearest baud rate is within 1 %: both ends tolerate 3.33 % together.
+    let divider = (PCLK1_HZ + LINK_BAUD / 2) / LINK_BAUD;
+    assert!((divider * LINK_BAUD).abs_diff(PCLK1_HZ) <= PCLK1_HZ / 100);
 };

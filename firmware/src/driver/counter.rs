@@ -17,8 +17,9 @@ impl Counter {
     pub fn new(timer: TIM5, pins: EncoderPins, rcc: &mut Rcc) -> Counter {
         // The HAL sets the timer up, but reads it through embedded-hal 0.2 only.
         let (timer, _) = Qei::new(timer, pins, rcc).release();
-        // Eight equal samples at 72 MHz / 32 before an edge counts: 3.6 µs, which no interference
-        // of a switching supply lasts. A is then followed up to 140 kHz, the weight up to 7 m/s.
+        // Eight equal samples at TIMER_HZ / 32 before an edge counts: 3.6 µs at 72 MHz, 2.7 µs at
+        // 96 MHz, which no interference of a switching supply lasts. A is then followed up to 140
+        // or 187 kHz, the weight up to 7 or 9 m/s.
         timer
             .ccmr1_input()
             .modify(|_, w| w.ic1f().fdts_div32_n8().ic2f().set(FILTER));

@@ -2,12 +2,17 @@
 
 use crate::board::ValvePins;
 use model_core::signal::DacCount;
+use model_core::start::VALVE_LEVELS;
 use rig_drivers::valve::AnalogOutput;
 use stm32f4xx_hal::pac::DAC;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 /// The unit of the chip behind the valve's voltage.
 pub use stm32f4xx_hal::pac::DAC as Unit;
+
+/// What may be read back at [`VALVE_LEVELS`] \[counts\]: both converters have offsets of some
+/// counts, 0.8 mV each, and a 1 MΩ load takes 1.5 % of the second level.
+pub const READ_BACK: [(u16, u16); VALVE_LEVELS.len()] = [(0, 40), (464, 552)];
 
 /// The valve output.
 pub struct Valve {

@@ -81,9 +81,11 @@ impl Devices {
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
 
-        let mut rcc = device.RCC.freeze(board::clocks());
+        let clocks = board::clocks(&device.RCC, &device.PWR);
+        let mut rcc = device.RCC.freeze(clocks);
         assert!(rcc.clocks.sysclk().raw() == board::SYSCLK_HZ);
         assert!(rcc.clocks.timclk1().raw() == board::TIMER_HZ);
+        assert!(rcc.clocks.pclk1().raw() == board::PCLK1_HZ);
         // Before any DMA.
         let stack_free_bytes = crash::stack_free_bytes();
         let ram = ram::holds_patterns();
@@ -118,6 +120,7 @@ impl Devices {
             stack_free_bytes,
             reference: (adc.start_reference, adc::calibrated_reference()),
             valve: adc.start_valve,
+            valve_limits: valve::READ_BACK,
             brown_out_level: flash.brown_out_level(),
         };
         let encoder = Encoder::new(Counter::new(device.TIM5, pins.encoder, &mut rcc));

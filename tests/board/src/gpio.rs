@@ -4,6 +4,7 @@ use crate::adc::Imperfection;
 use crate::pin::{Pin, pin};
 
 const MODER: usize = 0x00;
+const OSPEEDR: usize = 0x08;
 const PUPDR: usize = 0x0c;
 const IDR: usize = 0x10;
 const ODR: usize = 0x14;
@@ -125,7 +126,7 @@ impl Gpio {
             _ => (0, 0, 0),
         };
         self.words[port][MODER / 4] = moder;
-        self.words[port][2] = ospeedr;
+        self.words[port][OSPEEDR / 4] = ospeedr;
         self.words[port][PUPDR / 4] = pupdr;
     }
 
@@ -139,6 +140,11 @@ impl Gpio {
             2 => Mode::Alternate((words[AFRL / 4 + number / 8] >> (4 * (number % 8)) & 15) as u8),
             _ => Mode::Analog,
         }
+    }
+
+    /// Whether an output pin has the lowest speed: up to 4 MHz at 50 pF (datasheets, OSPEEDR 00).
+    pub fn is_slow(&self, pin: Pin) -> bool {
+        self.words[usize::from(pin.port)][OSPEEDR / 4] >> (2 * pin.number) & 3 == 0
     }
 
     /// Level of an output pin; none if the pin is not an output.

@@ -1,7 +1,7 @@
 //! The chip around the core: the address map of the peripherals, their interrupts and triggers,
 //! and the time of the next event. Independent of how instructions are executed.
 
-use crate::adc::{Adc, VREFINT_VOLTS};
+use crate::adc::{Adc, VREF_VOLTS, VREFINT_VOLTS};
 use crate::chip::Chip;
 use crate::counters::{CycleCounter, SysTick};
 use crate::dac::Dac;
@@ -27,6 +27,8 @@ const TIMER_IRQ: [u32; TIMERS] = [28, 29, 30, 50, 54, 55];
 const USART2_IRQ: u32 = 38;
 const ADC_IRQ: u32 = 18;
 const FLASH_IRQ: u32 = 4;
+/// Highest frequency at a pin of the lowest speed \[Hz\].
+const SLOW_PIN_HZ_MAX: u64 = 4_000_000;
 const DMA_IRQ: [[u32; 8]; 2] = [
     [11, 12, 13, 14, 15, 16, 17, 47],
     [56, 57, 58, 59, 60, 68, 69, 70],
@@ -399,17 +401,27 @@ impl Soc {
     ///
     /// A chip without a DAC has an MCP4922 in the place of the first channel.
     pub fn dac_volts(&self, channel: usize) -> Option<f64> {
+        // Either converter divides the board's supply.
+        let of_supply = self.external.converter.vref_volts / VREF_VOLTS;
         if !self.chip.has(Bus::Apb1, 29) {
             let shutdown = self.gpio.output(gpio::CONVERTER_SHUTDOWN);
-            return self.mcp4922.volts(shutdown).filter(|_| channel == 0);
+            let volts = self.mcp4922.volts(shutdown).filter(|_| channel == 0);
+            return volts.map(|volts| volts * of_supply);
         }
         let connected = self.gpio.mode(gpio::DAC_PINS[channel]) == Mode::Analog;
-        self.dac.volts(channel).filter(|_| connected)
+        let volts = self.dac.volts(channel).filter(|_| connected);
+        volts.map(|volts| volts * of_supply)
     }
 
     fn write_spi(&mut self, offset: u32, value: u32) {
         let word = self.with(|soc, cx| soc.spi.write(offset, value, cx));
         let wired = [gpio::CONVERTER_CLOCK, gpio::CONVERTER_DATA];
+        let hz = self.spi.clock_hz();
+        for pin in wired.into_iter().filter(|_| word.is_some()) {
+            if self.gpio.is_slow(pin) && hz > SLOW_PIN_HZ_MAX {
+                self.error(format!("SPI2: {hz} Hz at {pin}, whose speed is low"));
+            }
+        }
         let wired = wired.map(|pin| self.gpio.mode(pin) == Mode::Alternate(5));
         if let (Some((word, bits)), [true, true]) = (word, wired) {
             self.mcp4922.shift(word, bits);

@@ -2,7 +2,7 @@
 
 use crate::adc::VREF_VOLTS;
 use crate::errors::Context;
-use crate::time::{NEVER, Time};
+use crate::time::{NEVER, Time, UNITS_PER_S};
 
 const MSTR: u32 = 1 << 2;
 const SPE: u32 = 1 << 6;
@@ -39,6 +39,16 @@ impl Spi {
     /// Sets the period of the bus.
     pub fn set_clock(&mut self, unit: Time) {
         self.unit = unit;
+    }
+
+    /// Period of SCK.
+    fn clock(&self) -> Time {
+        self.unit << (1 + (self.cr1 >> 3 & 7))
+    }
+
+    /// Frequency of SCK \[Hz\].
+    pub fn clock_hz(&self) -> u64 {
+        UNITS_PER_S / self.clock()
     }
 
     fn update(&mut self, now: Time) {
@@ -90,8 +100,7 @@ impl Spi {
             0x0c if self.done_at != NEVER => cx.error("SPI2: data written while a word is sent"),
             0x0c => {
                 let bits = if self.cr1 & DFF != 0 { 16 } else { 8 };
-                let clock = self.unit << (1 + (self.cr1 >> 3 & 7));
-                self.done_at = cx.now + clock * Time::from(bits);
+                self.done_at = cx.now + self.clock() * Time::from(bits);
                 return Some((value & ((1 << bits) - 1), bits));
             }
             _ => {}
@@ -177,6 +186,7 @@ mod tests {
         );
         assert_eq!(errors.list.len(), 1);
         assert_eq!(spi.read(8, 320), TXE | RXNE);
+        assert_eq!(spi.clock_hz(), UNITS_PER_S / 40);
         spi.read(0x0c, 320);
         assert_eq!(spi.read(8, 320), TXE);
     }

@@ -3,7 +3,7 @@
 /// A point in time, or a duration, in units of 1/50.4 GHz since power was first applied.
 pub type Time = u64;
 
-/// Units per second: a common multiple of 8, 16, 36, 72, 144 and 180 MHz and of 32 kHz.
+/// Units per second: a common multiple of 8, 16, 36, 72, 96, 144 and 180 MHz and of 32 kHz.
 pub const UNITS_PER_S: Time = 50_400_000_000;
 
 /// Later than any event.
@@ -42,6 +42,7 @@ mod tests {
             16_000_000,
             36_000_000,
             72_000_000,
+            96_000_000,
             144_000_000,
             180_000_000,
             32_000,

@@ -13,7 +13,7 @@ fn boots_to_its_clock_and_reports_its_identity() {
     let (name, hz) = match rig.board.chip() {
         Chip::F446 => ("NUCLEO-F446RE", 144_000_000),
         Chip::F407 => ("STM32F407", 144_000_000),
-        Chip::F411 => ("NUCLEO-F411RE", 72_000_000),
+        Chip::F411 => ("NUCLEO-F411RE", 96_000_000),
     };
     assert_eq!(rig.board.core_clock_hz(), hz);
     let identity = rig.identity();
