@@ -35,9 +35,9 @@ pub fn holds_patterns() -> bool {
 fn word_holds_patterns(word: *mut u32) -> bool {
     #[allow(unsafe_code)]
     // SAFETY: an aligned word of the RAM, which has its value again at the end. The program only
-    // accesses it here: interrupts are masked, and no DMA runs. A probe may access it: it can read a
-    // pattern in place of an offset of the log, and its own write of one can be lost, or seen as a
-    // stuck bit. That garbles the log or prevents assistance; no invariant of the program is the
+    // accesses it here: interrupts are masked, and no DMA runs. A probe may access it: it can read
+    // a pattern in place of an offset of the log, and its own write of one can be lost, or seen as
+    // a stuck bit. That garbles the log or prevents assistance; no invariant of the program is the
     // probe's to keep.
     unsafe {
         let before = word.read_volatile();
