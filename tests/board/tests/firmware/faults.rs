@@ -173,7 +173,9 @@ fn faults_end_on_the_board_as_they_do_on_the_pc() {
             on_board.speed_down_m_per_s_max - on_pc.speed_down_m_per_s_max,
         ];
         assert!(
-            speed_differences.iter().all(|speed| speed.abs() < SPEED_M_PER_S),
+            speed_differences
+                .iter()
+                .all(|speed| speed.abs() < SPEED_M_PER_S),
             "case {number}: {speed_differences:?}"
         );
         compared += 1;
