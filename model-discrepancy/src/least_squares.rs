@@ -316,10 +316,12 @@ impl Linearized<'_> {
         self.minimum_within(INNER_COST, INNER_SHARE, false)
     }
 
-    /// The same to the last digit, for what difference quotients are taken of; each coordinate
-    /// needs a prior.
-    pub fn exact_minimum(&self) -> DVector<f64> {
-        self.minimum_within(EXACT_COST, 0.0, true)
+    /// The same to the last digit, for what difference quotients are taken of, and with no
+    /// coordinate beyond `most` either way; each needs a prior.
+    pub fn exact_minimum(&self, most: f64) -> DVector<f64> {
+        let exact = |rest: &Linearized| rest.minimum_within(EXACT_COST, 0.0, true);
+        let none = DVector::zeros(self.priors.len());
+        self.bounded(&none, |x| x.map(|x| x.clamp(-most, most)), exact)
     }
 
     /// Until a step gains less than `cost` and this share of all that was gained. With the loss's
@@ -351,12 +353,13 @@ impl Linearized<'_> {
         step
     }
 
-    /// The step from `x` to the minimum within its range, into which `back` puts a point: a
+    /// The step from `x` to what `minimum` finds within the range into which `back` puts a point: a
     /// coordinate that is cut stays at its bound, and the others go on without it.
     fn bounded(
         &self,
         x: &DVector<f64>,
         back: impl Fn(DVector<f64>) -> DVector<f64>,
+        minimum: impl Fn(&Linearized) -> DVector<f64>,
     ) -> DVector<f64> {
         let mut cut = DVector::zeros(x.len());
         let mut damping = self.damping.clone();
@@ -370,7 +373,7 @@ impl Linearized<'_> {
                 priors: &priors.collect::<Vec<Prior>>(),
                 damping: damping.clone(),
             };
-            let free = x + &cut + rest.minimum();
+            let free = x + &cut + minimum(&rest);
             let within = back(free.clone());
             let new = |place: &usize| !held[*place] && within[*place] != free[*place];
             let new: Vec<usize> = (0..x.len()).filter(new).collect();
@@ -509,7 +512,7 @@ pub fn minimize(problem: &mut impl Problem, x: DVector<f64>, goal: Goal) -> Opti
             priors: &priors,
             damping: damping * &scale,
         };
-        let step = linearized.bounded(&found.x, |x| problem.bounded(x));
+        let step = linearized.bounded(&found.x, |x| problem.bounded(x), |rest| rest.minimum());
         let promised = found.cost - linearized.cost(&step);
         if promised.is_nan() || promised < 0.1 * enough || damping > DAMPING[2] {
             // Slopes that were corrected, and promise worse, are wrong.
@@ -648,7 +651,7 @@ mod tests {
                 priors: &line.priors(&x),
                 damping: DVector::zeros(2),
             };
-            let least = linearized.exact_minimum();
+            let least = linearized.exact_minimum(f64::INFINITY);
             for place in 0..2 {
                 let moved = |by: f64| {
                     let mut moved = least.clone();

@@ -451,7 +451,11 @@ impl Model for MuscleModel {
                 let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
                 let fading = record.fading_forces(&forces)?;
-                let zeros = record.zeros_of_force(&self.rig);
+                // What differs from run to run is known with the zeros in it.
+                let zeros = match self.repeatability_n {
+                    Some(_) => Vec::new(),
+                    None => record.zeros_of_force(&self.rig),
+                };
                 begun_best(&forces, &fading, zeros, |forces_n| {
                     force_residuals(record, forces_n)
                 })
