@@ -19,3 +19,4 @@ mod settings;
 mod soak;
 mod start;
 mod timing;
+mod units;
