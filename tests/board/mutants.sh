@@ -10,6 +10,14 @@
 # Works on a copy of the working tree as it is at the start, and does not change it.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
+missing=()
+for tool in cargo git cmake clang pkg-config; do
+    command -v "$tool" >/dev/null || missing+=("$tool")
+done
+if [ ${#missing[@]} -gt 0 ]; then
+    printf 'mutants: missing: %s (Debian: cmake clang libclang-dev pkg-config)\n' "${missing[*]}" >&2
+    exit 2
+fi
 only='' part=1 parts=1
 case ${1:-} in
 --part) IFS=/ read -r part parts <<<"${2:?--part 3/8}" ;;
