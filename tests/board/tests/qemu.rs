@@ -3,8 +3,8 @@
 //!
 //! It has no clock registers: the test supplies the two that the start waits for, as a debugger.
 //! It has no factory data either: the start ends in a bus fault there, or in a panic to which the
-//! test leads it. Further it cannot go, and ticks cannot run: the converter completes no conversion,
-//! and there is no DMA, DAC, encoder or watchdog.
+//! test leads it. Further it cannot go, and ticks cannot run: the converter completes no
+//! conversion, and there is no DMA, DAC, encoder or watchdog.
 //!
 //! Needs `qemu-system-arm` and `FIRMWARE`, the image of a board with a DAC.
 #![cfg(unix)]

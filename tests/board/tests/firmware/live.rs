@@ -120,7 +120,7 @@ impl Live {
         let pace = thread.join().expect("a board without errors");
         let share = pace.passed.as_secs_f64() / pace.busy.as_secs_f64();
         println!(
-            "{:.0} s in real time, {share:.0} times faster if not held back, at most {:.1} ms behind",
+            "{:.0} s in real time, {share:.0} times faster if not held back, up to {:.1} ms behind",
             pace.passed.as_secs_f64(),
             pace.behind.as_secs_f64() * 1e3
         );

@@ -210,7 +210,7 @@ fn ripple_is_averaged_over_the_whole_period() {
     }
 }
 
-/// What commissioning takes for zeros and scales: means over a second, whole periods of 50 and 60 Hz.
+/// What commissioning takes for zeros and scales: means over a second, whole periods of the mains.
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn means_over_a_second_are_free_of_mains() {
