@@ -164,8 +164,8 @@ fn lead_to_a_panic(qemu: &mut Qemu, image: &std::ffi::OsStr) {
     qemu.set_register(PC, panic & !1);
 }
 
-/// Runs the image up to its first request for a reset. Returns what it wrote to the DAC, its note in
-/// RAM, and the address of a bus fault.
+/// Runs the image up to its first request for a reset: what it wrote to the DAC, its note in RAM,
+/// and the address of a bus fault.
 fn run(panics: bool) -> (Vec<u32>, Option<Crash>, u32) {
     let image = std::env::var_os("FIRMWARE").expect("FIRMWARE: the path of the firmware's ELF");
     let folder = tempfile::tempdir().expect("a folder");
