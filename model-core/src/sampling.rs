@@ -16,6 +16,10 @@ pub const INPUTS: usize = 3;
 pub const SCANS: usize = 16;
 /// Conversions of a tick.
 pub const SAMPLES: usize = INPUTS * SCANS;
+/// What the reader leaves in place of a period's last conversion: no count. If it is still there a
+/// period later, the conversions no longer reach the memory, and what is in it is old. Rounding
+/// alternates between two counts, so that old conversions would not look frozen.
+pub const NOT_CONVERTED: u16 = u16::MAX;
 
 /// Share of a tick's conversions of the reference in its mean: 1 / 64, a time constant of 0.64 s.
 /// The supply drifts; the reference's noise must not become noise of the readings.
@@ -66,8 +70,11 @@ impl Sampler {
     }
 
     /// The readings of bridge and pressure sensor. Both are 0, which is out of range, if the supply
-    /// is not 3.3 V within 10 %.
+    /// is not 3.3 V within 10 %, or if the last conversion is [`NOT_CONVERTED`].
     pub fn readings(&mut self, samples: &[u16; SAMPLES]) -> (AdcCount, AdcCount) {
+        if samples.last() == Some(&NOT_CONVERTED) {
+            return Default::default();
+        }
         let reference = sum(samples, 2);
         self.reference_sum = if self.reference_sum == 0 {
             reference * REFERENCE_TICKS
@@ -173,6 +180,19 @@ mod tests {
             let samples = samples(|_| [2000, 1000, reference]);
             let readings = Sampler::new(CALIBRATED).readings(&samples);
             assert_eq!(readings, (AdcCount(0), AdcCount(0)), "{reference}");
+        }
+    }
+
+    /// Nothing of it reaches later readings.
+    #[test]
+    fn old_conversions_are_no_reading() {
+        let fresh = samples(|_| [2000, 1000, CALIBRATED]);
+        let mut old = fresh;
+        old[SAMPLES - 1] = NOT_CONVERTED;
+        let mut sampler = Sampler::new(CALIBRATED);
+        for (samples, expected) in [(fresh, (2000, 1000)), (old, (0, 0)), (fresh, (2000, 1000))] {
+            let (bridge, pressure) = sampler.readings(&samples);
+            assert_eq!((bridge.0, pressure.0), expected);
         }
     }
 

@@ -5,7 +5,7 @@ use super::valve::Valve;
 use crate::board::{BridgePin, PressurePin};
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 use embedded_hal::delay::DelayNs;
-use model_core::sampling::{INPUTS, SAMPLES, Sampler};
+use model_core::sampling::{INPUTS, NOT_CONVERTED, SAMPLES, Sampler};
 use model_core::signal::{AdcCount, DacCount};
 use model_core::start::{VALVE_LEVELS, valve_level};
 use rig_drivers::valve::AnalogOutput;
@@ -93,6 +93,9 @@ impl Adc {
     pub fn read(&mut self) -> (AdcCount, AdcCount) {
         self.stream.clear_flags(DmaFlag::TransferComplete);
         let conversions = core::array::from_fn(|n| CONVERSIONS[n].load(Relaxed));
+        // Only the last one, which the DMA replaces just before the next tick: a late tick must
+        // not overwrite conversions of the period that has begun.
+        CONVERSIONS[SAMPLES - 1].store(NOT_CONVERTED, Relaxed);
         self.sampler.readings(&conversions)
     }
 }

@@ -11,6 +11,7 @@ use hil_sim::bench::tracking::tracking;
 use hil_sim::rig::Rig as PlantRig;
 use model_core::controller::Controller;
 use model_core::io::{Output, Sensors};
+use model_core::link::Telemetry;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::COUNT_MAX;
 use std::collections::BTreeSet;
@@ -44,8 +45,8 @@ impl BoardInTheLoop {
         }
     }
 
-    /// One tick of the board.
-    pub fn tick(&mut self, sensors: &Sensors) -> Output {
+    /// The telemetry of the next tick, with `sensors` at the pins.
+    pub fn telemetry(&mut self, sensors: &Sensors) -> Telemetry {
         self.rig.apply(sensors);
         self.rig.board.run_until(self.telemetry_ns);
         self.telemetry_ns += TICK_NS;
@@ -53,6 +54,12 @@ impl BoardInTheLoop {
         let [telemetry] = &received[..] else {
             panic!("expected one telemetry per tick, received {received:?}")
         };
+        *telemetry
+    }
+
+    /// One tick of the board, which must have read `sensors`.
+    pub fn tick(&mut self, sensors: &Sensors) -> Output {
+        let telemetry = self.telemetry(sensors);
         assert_eq!(telemetry.sensors, *sensors, "tick {}", telemetry.tick);
         let valve_volts = f64::from(telemetry.output.valve.get()) * 3.3 / f64::from(COUNT_MAX);
         // An MCP4922 has 4096 steps to its full scale, the DAC 4095.

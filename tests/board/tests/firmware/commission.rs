@@ -2,7 +2,7 @@
 //! test is at the pins, the DAC's voltage at the valve's amplifier.
 
 #[path = "../../../../hil-sim/tests/commission/world.rs"]
-mod world;
+pub mod world;
 
 use crate::rig::{BRIDGE, PRESSURE, Rig as Wired, STOP, volts};
 use hil_sim::bench::port::client::{Client, Transport, TransportError};
@@ -21,14 +21,16 @@ const PERIOD_NS: u64 = 10_000_000;
 const MOVED_M_MAX: f64 = 0.01;
 
 /// The emulated board in a world.
-struct Emulated {
-    wired: Wired,
+pub struct Emulated {
+    /// The board.
+    pub wired: Wired,
     world: Arc<Mutex<World>>,
     next_ns: u64,
 }
 
 impl Emulated {
-    fn new(world: Arc<Mutex<World>>) -> Emulated {
+    /// A board that starts.
+    pub fn new(world: Arc<Mutex<World>>) -> Emulated {
         let mut wired = Wired::new();
         if world.lock().unwrap().start_fault().is_some() {
             wired.board.load_valve(Some(0.8));

@@ -5,7 +5,7 @@ use emulated_board::ResetCause as Cause;
 use model_core::device::Command;
 use model_core::io::Request;
 use model_core::link::{Crash, ResetCause, ToDevice};
-use model_core::supervisor::Fault;
+use model_core::supervisor::{Fault, Mode};
 
 /// Control register of TIM2, which starts the conversions, and of TIM3, the link task's timer.
 const TIM2_CR1: u32 = 0x4000_0000;
@@ -109,6 +109,68 @@ fn load(register: u32, value: u32) -> Vec<u8> {
         [(first as u16).to_le_bytes(), (second as u16).to_le_bytes()].concat()
     };
     [half(0xf240, value & 0xffff), half(0xf2c0, value >> 16)].concat()
+}
+
+/// Reads, writes or executes where no memory is.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn bus_fault_ends_at_zero_volts_and_is_reported_with_its_cause() {
+    const NOWHERE: u32 = 0x6000_0000;
+    // ldr r0, [r0]; str r0, [r0]; bx r0
+    let accesses = [
+        ("load", [0x00, 0x68], 1 << 9 | 1 << 15),
+        ("store", [0x00, 0x60], 1 << 9 | 1 << 15),
+        ("fetch", [0x00, 0x47], 1 << 8),
+    ];
+    for (what, access, expected_cfsr) in accesses {
+        let mut rig = Rig::after_ms(1_000);
+        rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+        rig.run_ms(300);
+        assert!(rig.board.dac_volts(1) > 0.1);
+        rig.board.dac_events();
+        let mut code = load(0, NOWHERE | u32::from(what == "fetch"));
+        let at = rig.code("TIM3") + code.len() as u32;
+        code.extend(access);
+        let (cause, after_ns) = patch_until_reset(&mut rig, "TIM3", &code);
+        assert_eq!(cause, Cause::Software, "{what}");
+        assert!(after_ns < 2 * MS, "{what}: {after_ns} ns");
+        let reset_ns = rig.board.resets()[0].time_ns;
+        let volts = volts_until(&mut rig, reset_ns);
+        assert_eq!(volts.last(), Some(&0.0), "{what}: {volts:?}");
+        rig.run_ms(50);
+        match rig.identity().crash {
+            Some(Crash::HardFault { pc, cfsr, .. }) => {
+                let place = if what == "fetch" { NOWHERE } else { at };
+                assert_eq!((pc, cfsr), (place, expected_cfsr), "{what}");
+            }
+            other => panic!("{what}: {other:?}"),
+        }
+        rig.run_ms(1_000);
+        assert_eq!(rig.last_telemetry().output.mode, Mode::Ready, "{what}");
+    }
+}
+
+/// The supply sinks in the middle of a lift, and returns.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn brown_out_while_assisting_ends_at_zero_volts_and_is_reported() {
+    for off_ms in [0, 5, 500] {
+        let mut rig = Rig::after_ms(1_000);
+        rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+        rig.run_ms(300);
+        assert!(rig.board.dac_volts(1) > 0.1);
+        rig.board.power_cut();
+        assert_eq!(rig.board.dac_volts(1), 0.0);
+        rig.board.run_for(off_ms * MS);
+        rig.board.power_on();
+        rig.run_ms(50);
+        let identity = rig.identity();
+        let reason = (identity.reset, identity.crash, identity.fault);
+        assert_eq!(reason, (ResetCause::Power, None, None));
+        rig.run_ms(1_000);
+        assert_eq!(rig.last_telemetry().output.mode, Mode::Ready);
+        assert_eq!(rig.board.dac_volts(1), 0.0);
+    }
 }
 
 /// A file name, and code that panics with line 1234 of this file.

@@ -12,6 +12,8 @@ mod crash;
 mod debugger;
 mod faults;
 mod link;
+#[cfg(unix)]
+mod live;
 mod outputs;
 mod pins;
 mod rig;
@@ -19,3 +21,4 @@ mod settings;
 mod soak;
 mod start;
 mod timing;
+mod units;

@@ -2,6 +2,7 @@
 
 use crate::rig::{BRIDGE, BUTTON, PRESSURE, Rig, volts};
 use emulated_board::{Imperfection, pin};
+use hil_sim::commission::readings::SECOND_TICKS;
 use model_core::device::Command;
 use model_core::io::Request;
 use model_core::link::ToDevice;
@@ -206,6 +207,31 @@ fn ripple_is_averaged_over_the_whole_period() {
         println!("{frequency_hz} Hz: {left:.4}, expected {expected:.4}");
         // A count of rounding is 0.0025, and the steps of the signal are a sixth of a sample apart.
         assert!((left - expected).abs() < 0.01, "{frequency_hz} Hz: {left}");
+    }
+}
+
+/// What commissioning takes for zeros and scales: means over a second, whole periods of the mains.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn means_over_a_second_are_free_of_mains() {
+    const AMPLITUDE: f64 = 400.0;
+    for frequency_hz in [50.0, 60.0] {
+        let mut rig = Rig::after_ms(15);
+        let mut readings = vec![];
+        let begun_ns = rig.board.time_ns();
+        for step in 0..12_000_u64 {
+            let phase = std::f64::consts::TAU * frequency_hz * step as f64 * 1e-4;
+            let count = 2048.0 + AMPLITUDE * phase.sin();
+            rig.board.set_analog(BRIDGE, count * 3.3 / 4095.0);
+            rig.board.run_until(begun_ns + (step + 1) * 100_000);
+            let telemetry = rig.telemetry();
+            readings.extend(telemetry.iter().map(|t| f64::from(t.sensors.bridge.0)));
+        }
+        let second = &readings[2..2 + SECOND_TICKS];
+        let mean = second.iter().sum::<f64>() / second.len() as f64;
+        println!("{frequency_hz} Hz: {:.3} counts", mean - 2048.0);
+        // The reference is rounded to a count: 0.03 % of the reading.
+        assert!((mean - 2048.0).abs() < 1.0, "{frequency_hz} Hz: {mean}");
     }
 }
 
