@@ -17,6 +17,10 @@ fn main() {
         // For scripts/probe-run.sh.
         println!("cargo:rustc-link-arg=--defsym=watchdog_stops_in_debug=1");
     }
+    if env::var_os("CARGO_FEATURE_ADS1220").is_some() {
+        // For the emulated board.
+        println!("cargo:rustc-link-arg=--defsym=bridge_converter_ads1220=1");
+    }
     // defmt's sections. Not in .cargo/config.toml, because cortex-m-tests does not use defmt.
     println!("cargo:rustc-link-arg=-Tdefmt.x");
 

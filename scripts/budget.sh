@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the firmware of each board and prints its use of flash, RAM, stack and tick period, and the
-# jitter; fails if a budget is exceeded. Stack and tick are measured on the emulated board, which
-# needs cmake, clang, libclang-dev and pkg-config.
+# jitter; fails if a budget is exceeded. Stack and tick are measured on the emulated board
+# (tests/board/README.md).
 #
 #   budget.sh            all boards
 #   budget.sh --write    and writes the table in docs/wiring.md
@@ -10,15 +10,8 @@ cd "$(dirname "$0")/.."
 
 step() { printf 'budget: %s\n' "$*" >&2; }
 
-missing=()
-for tool in cargo cmake clang pkg-config size; do
-    command -v "$tool" >/dev/null || missing+=("$tool")
-done
-if [ ${#missing[@]} -gt 0 ]; then
-    printf 'budget: missing: %s (Debian: cmake clang libclang-dev pkg-config binutils)\n' \
-        "${missing[*]}" >&2
-    exit 2
-fi
+scripts/require.sh budget cargo cc pkg-config libclang pip size
+scripts/board-engine.sh
 
 target=thumbv7em-none-eabihf
 elf=${CARGO_TARGET_DIR:-$PWD/target}/$target/release/firmware
@@ -29,7 +22,7 @@ trap 'rm -f "$table"' EXIT
 
 section() { size -A "$elf" | awk -v name="$1" '$1 == name { bytes = $2 } END { print bytes + 0 }'; }
 
-# Prints the budgets of a board; adds its row to the table.
+# Prints the budgets of a board, given as its features; adds its row to the table.
 measure() {
     local board=$1 memory=$2 flash statics stack ram measured
     step "$board: building the image and the proof that it cannot panic"
@@ -51,8 +44,8 @@ measure() {
     [ "$ram" -le "$ram_budget" ]
 
     step "$board: measuring tick and stack on the emulated board: some minutes the first time"
-    measured=$(FIRMWARE=$elf env -u RUSTUP_TOOLCHAIN cargo test -q --release \
-        --manifest-path tests/board/Cargo.toml --test firmware -- --include-ignored --nocapture budget)
+    measured=$(cd tests/board && FIRMWARE=$elf env -u RUSTUP_TOOLCHAIN cargo test -q --release \
+        --test firmware -- --include-ignored --nocapture budget)
     grep -E '^(tick|stack) ' <<<"$measured"
     printf '| `%s` | %d | %d | %s |\n' "$board" "$flash" "$ram" \
         "$(sed -n 's/^row //p' <<<"$measured")" >>"$table"
@@ -61,6 +54,9 @@ measure() {
 for memory in firmware/src/board/*.x; do
     board=$(basename "$memory" .x)
     measure "${board//_/-}" "$memory"
+    if grep -q BridgeConverterPins "${memory%.x}.rs"; then
+        measure "${board//_/-},ads1220" "$memory"
+    fi
 done
 # The last one is the default board's, whose image is left.
 measure nucleo-f446re memory.x

@@ -1,48 +1,33 @@
 #!/usr/bin/env bash
 # Hardware in the loop without hardware, from a fresh clone: builds the firmware, the emulated board
 # and hil-sim, then runs `hil-sim hil` with this script's arguments where it was called.
-# Some minutes once, then seconds. CROSS_MODE: see setup-cross.sh.
+# Some minutes once, then seconds. CROSS_MODE: see setup-cross.sh; BOARD_ENGINE: board-engine.sh.
 set -euo pipefail
 root=$(cd "$(dirname "$0")/.." && pwd)
 target=thumbv7em-none-eabihf
 
-step() { printf '\nemulated-hil: %s\n' "$*" >&2; }
+step() { printf '\nemulated-hil: %s (%s)\n' "$*" "$(date +%T)" >&2; }
 
-# bindgen loads it.
-has_libclang() {
-    [ "$(uname)" != Linux ] || [ -n "${LIBCLANG_PATH:-}" ] ||
-        compgen -G '/usr/lib*/libclang*.so*' >/dev/null ||
-        compgen -G '/usr/lib*/*/libclang*.so*' >/dev/null ||
-        compgen -G '/usr/lib*/*/lib*/libclang*.so*' >/dev/null
-}
-
-missing=()
-command -v cc >/dev/null || missing+=(build-essential)
-for tool in rustup cargo clang cmake pkg-config; do
-    command -v "$tool" >/dev/null || missing+=("$tool")
-done
-has_libclang || missing+=(libclang-dev)
-if [ ${#missing[@]} -gt 0 ]; then
-    printf 'emulated-hil: missing: %s\n' "${missing[*]}" >&2
-    printf 'rustup and cargo come from https://rustup.rs, the others are packages of Debian and' >&2
-    printf ' Ubuntu: sudo apt install …\n' >&2
-    exit 2
-fi
-
+"$root/scripts/require.sh" emulated-hil rustup cargo cc pkg-config libclang pip
 cd "$root"
 built=${CARGO_TARGET_DIR:-$root/target}
 board_built=${CARGO_TARGET_DIR:-$root/tests/board/target}
 
-step '1 of 4, cross-compiling'
+step '1 of 4, cross-compiling: half a minute the first time'
 toolchain=$(scripts/setup-cross.sh)
 step '2 of 4, the firmware'
 (eval "$toolchain" && cargo firmware)
-step '3 of 4, the emulated board: the first time takes some minutes'
-cargo build --release --manifest-path tests/board/Cargo.toml --bin emulated-board
-step '4 of 4, the simulator'
-cargo build --release -p hil-sim
+step '3 of 4, the emulated board: a minute or two the first time'
+scripts/board-engine.sh
+(cd tests/board && cargo build --release --bin emulated-board)
+step '4 of 4, the simulator: a minute or two the first time'
+# Without the optimisation of a release, which takes longer than all the rest, serial ports and
+# MATLAB; but if there is a release, as that.
+profile=quick options=(--no-default-features --features terminal)
+if [ -x "$built/release/hil-sim" ]; then profile=release options=(); fi
+cargo build --profile "$profile" -p hil-sim "${options[@]}"
 cd "$OLDPWD"
 
 export FIRMWARE=${FIRMWARE:-$built/$target/release/firmware}
 export EMULATED_BOARD=${EMULATED_BOARD:-$board_built/release/emulated-board}
-exec "$built/release/hil-sim" hil "$@"
+exec "$built/$profile/hil-sim" hil "$@"

@@ -35,8 +35,8 @@ picture() {
     local report=$1 png=$2 css=$3 page=$work/page.html height measure
     measure="setTimeout(() => { document.body.dataset.height ="
     measure="$measure Math.ceil(document.querySelector('main').getBoundingClientRect().bottom); }, 1000);"
-    # Legends show values only under the pointer.
-    css="$css footer, .u-legend td, .u-legend tr:first-child, .u-legend th::after"
+    # Legends show values only under the pointer, and a picture has no buttons.
+    css="$css footer, .save, .u-legend td, .u-legend tr:first-child, .u-legend th::after"
     css="$css { display: none !important; }"
     css="$css main { padding-bottom: 1.25rem; }"
     sed "s|</head>|<style>$css</style></head>|" "$report" >"$page"

@@ -1,6 +1,6 @@
-//! Link-time proof that the functions of model-core that tick and link call cannot panic: the panic
-//! handler calls an undefined function, so that this links only if the optimiser has removed every
-//! panic. It is never run.
+//! Link-time proof that the functions of model-core that tick and link call, and the reading of the
+//! bridge's converter, cannot panic: the panic handler calls an undefined function, so that this
+//! links only if the optimiser has removed every panic. It is never run.
 #![no_std]
 #![no_main]
 
@@ -12,10 +12,11 @@ use model_core::link::{
     Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, board_name,
     check_image, encode,
 };
-use model_core::sampling::{SAMPLES, Sampler};
+use model_core::sampling::{SAMPLES, SCANS, Sampler};
 use model_core::settings::Settings;
 use model_core::start::{StartFault, StartFindings, VALVE_LEVELS, valve_level};
 use model_core::timing::{LinkLoad, TickClock};
+use rig_drivers::ads1220::reading;
 use stm32f4xx_hal as _;
 
 #[panic_handler]
@@ -44,6 +45,7 @@ fn main() -> ! {
         ram: black_box(true),
         stack_free_bytes: black_box(0),
         reference: black_box((0, 0)),
+        regulator: black_box(true),
         valve: black_box([0; VALVE_LEVELS.len()]),
         valve_limits: black_box([(0, 0); VALVE_LEVELS.len()]),
         brown_out_level: black_box(0),
@@ -70,6 +72,7 @@ fn main() -> ! {
     let mut sampler = Sampler::new(black_box(0));
     loop {
         let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
+        black_box(reading(bridge, &black_box([0; SCANS])));
         let timing = clock.begin(black_box(0));
         clock.end(black_box(0), black_box(0));
         let pins = Pins {

@@ -4,6 +4,7 @@
 //! | priority | task                  | runs                 | time budget                   |
 //! |----------|-----------------------|----------------------|-------------------------------|
 //! | 3        | [`app::tick`]         | every 10 ms          | 1 % of the period             |
+//! | 3        | `scan_bridge`         | every 625 µs, only with the feature `ads1220` | 2 %   |
 //! | 2        | [`app::serve_link`]   | every 1 ms           | what the tick leaves          |
 //! | 0        | [`app::idle`]         | otherwise            | writes logs, then sleeps      |
 //!
@@ -26,6 +27,8 @@ mod app {
     use crate::crash;
     use crate::driver::Devices;
     use crate::driver::adc::Adc;
+    #[cfg(feature = "ads1220")]
+    use crate::driver::bridge_converter::BridgeConverter;
     use crate::driver::counter::Counter;
     use crate::driver::flash::Flash;
     use crate::driver::iwdg::{self, Iwdg};
@@ -56,6 +59,10 @@ mod app {
     /// Set by the tick while settings must not change.
     static ARMED: AtomicBool = AtomicBool::new(false);
 
+    // RTIC refers to the type of a resource also where it leaves the resource out.
+    #[cfg(not(feature = "ads1220"))]
+    type BridgeConverter = ();
+
     const VENT: Command = Command::Request(Request::Vent);
 
     /// Mode and fault after a change, for the log.
@@ -69,6 +76,8 @@ mod app {
         device: Device,
         clock: TickClock,
         adc: Adc,
+        #[cfg(feature = "ads1220")]
+        bridge_converter: BridgeConverter,
         encoder: Encoder<Counter>,
         button: Button<ButtonPin>,
         stop: Stop<StopPins>,
@@ -111,7 +120,7 @@ mod app {
         }
         let start = devices.findings.fault();
         if let Some(fault) = start {
-            defmt::error!("start-up self-test: {}", defmt::Debug2Format(&fault));
+            defmt::error!("start-up self-test: {=str}", fault.name());
         }
         let identity = link::identity(reset, note, source, start);
 
@@ -119,13 +128,18 @@ mod app {
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
         let (to_log, changes) = cx.local.change_queue.split();
         devices.watchdog.expect_ticks();
+        #[cfg(not(feature = "ads1220"))]
         devices.tick_timer.start();
+        #[cfg(feature = "ads1220")]
+        devices.bridge_converter.start();
         (
             Shared {},
             Local {
                 device: Device::new(settings).started(start),
                 clock: TickClock::new(board::TICK_CYCLES),
                 adc: devices.adc,
+                #[cfg(feature = "ads1220")]
+                bridge_converter: devices.bridge_converter,
                 encoder: devices.encoder,
                 button: devices.button,
                 stop: devices.stop,
@@ -180,6 +194,14 @@ mod app {
         let _ = local.from_tick.enqueue(tick.telemetry);
         local.watchdog.feed();
         local.clock.end(begin_cycles, DWT::cycle_count());
+    }
+
+    /// Reads the bridge's converter, at each scan of the ADC. With the priority of the tick, which
+    /// follows the last of its scans.
+    #[cfg(feature = "ads1220")]
+    #[task(binds = TIM2, priority = 3, local = [bridge_converter])]
+    fn scan_bridge(cx: scan_bridge::Context) {
+        cx.local.bridge_converter.scan();
     }
 
     /// Sends telemetry and answers, receives commands.
@@ -257,8 +279,9 @@ mod app {
     fn idle(cx: idle::Context) -> ! {
         loop {
             while let Some((mode, fault)) = cx.local.changes.dequeue() {
-                let fault = defmt::Debug2Format(&fault);
-                defmt::info!("mode: {}, fault: {}", defmt::Debug2Format(&mode), fault);
+                // As text: interrupts are masked while an entry is formatted.
+                let fault = fault.map_or("none", Fault::name);
+                defmt::info!("mode: {=str}, fault: {=str}", mode.name(), fault);
             }
             cortex_m::asm::wfi();
         }

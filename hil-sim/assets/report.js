@@ -15,6 +15,9 @@
   };
   const shown = (value, unit) =>
     value == null ? "–" : rounded(value, 4) + (unit ? ` ${unit}` : "");
+  // A value on an axis, or its name.
+  const at = (axis, value) =>
+    axis.names.find(([named]) => named * axis.factor === value)?.[1] ?? shown(value, axis.unit);
   const scaled = (values, factor) => values.map((v) => (v == null ? null : v * factor));
 
   // One row of abscissae for all series: uPlot joins them, with gaps only where data has them.
@@ -61,6 +64,64 @@
     ctx.restore();
   };
 
+  // The band of a line, in stretches without gaps: [x, y] in the plot's units, there and back.
+  const bands = (plot, data, shown) => plot.series.flatMap((s, i) => {
+    if (!s.band || !shown(i)) return [];
+    const half = s.band * plot.y.factor;
+    const stretches = [[]];
+    data[i + 1].forEach((y, row) => {
+      if (y === null) stretches.push([]);
+      else if (y !== undefined) stretches.at(-1).push([data[0][row], y]);
+    });
+    return stretches.filter((points) => points.length > 1).map((points) => ({ series: i, corners: [
+      ...points.map(([x, y]) => [x, y + half]), ...points.reverse().map(([x, y]) => [x, y - half]),
+    ] }));
+  });
+
+  const radius = (s) => (s.dashed ? 7 : 4.5);
+  const OPACITY = 0.25;
+  const shade = (plot, lineColor) => (u) => {
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.globalAlpha = OPACITY;
+    for (const { series, corners } of bands(plot, u.data, (i) => u.series[i + 1].show)) {
+      ctx.fillStyle = lineColor(u, series + 1);
+      ctx.beginPath();
+      corners.forEach(([x, y]) => ctx.lineTo(u.valToPos(x, "x", true), u.valToPos(y, "y", true)));
+      ctx.fill();
+    }
+    ctx.restore();
+  };
+
+  // Edges of a band that is thinner than this would hide what they enclose [px].
+  const EDGES_MIN = 8;
+  const hasEdges = (u, plot, { role, band }) => role === "noise"
+    && 2 * Math.abs(u.valToPos(0, "y") - u.valToPos(band * plot.y.factor, "y")) >= EDGES_MIN;
+
+  // The edges of the noise, over the lines that fill its band.
+  const edges = (plot, color) => (u) => {
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.strokeStyle = color("--ink");
+    ctx.lineWidth = devicePixelRatio;
+    const noise = (i) => u.series[i + 1].show && hasEdges(u, plot, plot.series[i]);
+    for (const { corners } of bands(plot, u.data, noise)) {
+      ctx.beginPath();
+      corners.forEach(([x, y], i) => {
+        const pen = i === corners.length / 2 ? "moveTo" : "lineTo";
+        ctx[pen](u.valToPos(x, "x", true), u.valToPos(y, "y", true));
+      });
+      ctx.stroke();
+    }
+    ctx.restore();
+  };
+
   // All ordinates get the room of the widest, so that time axes stand below each other.
   const pen = document.createElement("canvas").getContext("2d");
   let widest = 0;
@@ -83,8 +144,13 @@
       color(`--${plot.series[line - 1]?.role ?? `c${(line - 1) % 6}`}`);
     const axis = (of, size) => ({
       label: named(of), stroke: color("--ink"), labelFont: FONT, font: FONT, labelSize: 20, size,
-      // uPlot's own numbers end at the third decimal.
-      values: (u, ticks) => ticks.map((tick) => (tick == null ? "" : rounded(tick, 6))),
+      ...(of.names.length ? {
+        splits: () => of.names.map(([value]) => value * of.factor),
+        values: () => of.names.map(([, name]) => name),
+      } : {
+        // uPlot's own numbers end at the third decimal.
+        values: (u, ticks) => ticks.map((tick) => (tick == null ? "" : rounded(tick, 6))),
+      }),
       grid: { stroke: color("--rule"), width: 1 }, ticks: { stroke: color("--rule"), width: 1 },
     });
     const log = (of) => (of.log ? { distr: 3 } : {});
@@ -107,10 +173,15 @@
         y: { ...log(plot.y), range: around },
       },
       axes: [axis(plot.x, 38), axis(plot.y, room)],
-      series: [{ label: plot.x.label, value: (u, v) => shown(v, plot.x.unit) },
+      series: [{ label: plot.x.label, value: (u, v) => at(plot.x, v) },
         ...plot.series.map((s) => ({
           label: s.name, stroke: lineColor, width: 1.8, dash: s.dashed ? [7, 5] : undefined,
-          spanGaps: false, points: { show: false }, value: (u, v) => shown(v, plot.y.unit),
+          spanGaps: false, value: (u, v) => shown(v, plot.y.unit),
+          ...(s.points ? {
+            paths: () => null,
+            // A model's are rings, in which others stay visible.
+            points: { show: true, size: 2 * radius(s), width: 2, fill: s.dashed ? "transparent" : lineColor },
+          } : { points: { show: false } }),
         }))],
       cursor: {
         drag: { x: true, y: false, setScale: true }, focus: { prox: 24 },
@@ -120,15 +191,19 @@
         stroke: lineColor, width: 3,
         dash: (u, line) => (plot.series[line - 1]?.dashed ? "dashed" : "solid"),
       } },
-      hooks: { draw: [markers(plot, color)] },
+      hooks: { drawAxes: [shade(plot, lineColor)], draw: [edges(plot, color), markers(plot, color)] },
     };
   };
 
   // What can be saved of a plot: its numbers, and its picture as it is shown.
   const table = (chart, plot) => {
     const cell = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-    const lines = plot.series.map((s) => named({ label: s.name, unit: plot.y.unit }));
-    const rows = chart.data[0].map((_, row) => chart.data.map((column) => column[row] ?? ""));
+    const banded = plot.series.filter((s) => s.band);
+    const lines = [...plot.series.map((s) => s.name), ...banded.map((s) => `± about ${s.name}`)]
+      .map((label) => named({ label, unit: plot.y.unit }));
+    const halves = banded.map((s) => s.band * plot.y.factor);
+    const rows = chart.data[0].map((_, row) =>
+      [...chart.data.map((column) => column[row] ?? ""), ...halves]);
     return [[named(plot.x), ...lines].map(cell), ...rows].map((row) => `${row.join(",")}\n`).join("");
   };
 
@@ -159,20 +234,37 @@
       });
     }
     const stroke = colors(chart, plot);
+    for (const { series, corners } of bands(plot, chart.data, () => true)) {
+      const points = corners.map(([x, y]) => `${at(x, "x")},${at(y, "y")}`).join(" ");
+      inside.push(`<polygon points="${points}" fill="${stroke[series]}" opacity="${OPACITY}"/>`);
+    }
     plot.series.forEach((s, i) => {
       let [path, pen] = ["", "M"];
       chart.data[i + 1].forEach((y, row) => {
         if (y === undefined) return;
         if (y === null) { pen = "M"; return; }
+        if (s.points) {
+          const r = radius(s);
+          path += `M${at(chart.data[0][row], "x")} ${at(y, "y")}m${-r} 0`
+            + `a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0`;
+          return;
+        }
         path += `${pen}${at(chart.data[0][row], "x")} ${at(y, "y")}`;
         pen = "L";
       });
-      const dash = s.dashed ? 'stroke-dasharray="7 5"' : "";
-      inside.push(`<path d="${path}" fill="none" stroke="${stroke[i]}" stroke-width="1.8" ${dash}/>`);
+      const dash = s.dashed && !s.points ? 'stroke-dasharray="7 5"' : "";
+      const fill = s.points && !s.dashed ? stroke[i] : "none";
+      inside.push(`<path d="${path}" fill="${fill}" stroke="${stroke[i]}" stroke-width="1.8" ${dash}/>`);
       const y = HEAD + chart.height + ROW * i + 12;
       outside.push(line(left, y - 4, left + 24, y - 4, `stroke="${stroke[i]}" stroke-width="3" ${dash}`),
         text(left + 32, y, s.name));
     });
+    for (const { corners } of bands(plot, chart.data, (i) => hasEdges(chart, plot, plot.series[i]))) {
+      for (const edge of [corners.slice(0, corners.length / 2), corners.slice(corners.length / 2)]) {
+        const points = edge.map(([x, y]) => `${at(x, "x")},${at(y, "y")}`).join(" ");
+        inside.push(`<polyline points="${points}" fill="none" stroke="${ink}"/>`);
+      }
+    }
     for (const { vertical, value, label } of plot.markers) {
       const place = at(value * (vertical ? plot.x : plot.y).factor, vertical ? "x" : "y");
       const dotted = `stroke="${ink}" stroke-dasharray="2 4"`;

@@ -62,7 +62,7 @@ enum Command {
     Design(cmd::design::Args),
     /// Check whether a record is suitable for a diagnosis
     Check(cmd::check::Args),
-    /// Convert a CSV or MATLAB file with other names and units into a record
+    /// Convert a CSV, xlsx, MATLAB, HDF5 or MCAP file into a record
     Import(cmd::import::Args),
     /// Write the test signal of the next experiment
     Experiment(cmd::experiment::Args),
@@ -70,6 +70,8 @@ enum Command {
     Simulate(cmd::simulate::Args),
     /// Find where simulation and measurement disagree, and which effect the simulation lacks
     Diagnose(cmd::diagnose::Args),
+    /// Compare two diagnoses: verdicts, effects with their intervals, and gaps by signal
+    Compare(cmd::compare::Args),
     /// Derive the controller's compensation from a fitted rig, and test it in the closed loop
     Compensate(cmd::compensate::Args),
     /// Lead through the first use of a board on its rig: wiring, scales, valve, first lift
@@ -162,6 +164,7 @@ fn main() -> ExitCode {
         Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
+        Some(Command::Compare(args)) => cmd::compare::run(&args),
         Some(Command::Compensate(args)) => cmd::compensate::run(&args),
         Some(Command::Settings(args)) => cmd::settings::run(&args),
         Some(Command::Effects(args)) => cmd::effects::run(&args, &Catalogue::standard()),

@@ -67,6 +67,8 @@ impl Bench {
             .args(["diagnose", "--rig", "rig.toml", "--fit", "a.csv"])
             .args(["--validate", validate, "--out", "out"])
             .args(arguments)
+            // 2026-11-24 01:20:00 UTC
+            .env("SOURCE_DATE_EPOCH", "1795483200")
             .output()
             .expect("the program runs");
         let message = String::from_utf8(output.stderr).expect("text");
@@ -339,7 +341,22 @@ fn assert_result_does_not_depend_on_threads(case: &truth::Case, effects: &[&str]
         let files = lines.filter(|line| line.ends_with(&format!("  {name}")));
         assert_eq!(files.count(), 1, "{}", one.1);
     }
-    hil_sim::rig::Rig::parse("rig.fitted.toml", &one.1).expect("a rig");
+    let rig = hil_sim::rig::Rig::parse("rig.fitted.toml", &one.1).expect("a rig");
+    let provenance = rig.provenance.expect("a table");
+    assert_eq!(provenance.date.to_string(), "2026-11-24T01:20:00Z");
+    assert_eq!(provenance.verdict, one.0["verdict"]);
+    for (written, named) in provenance.effects.iter().zip(effects) {
+        assert_eq!(written.name, *named);
+        // Each effect here is far above the noise.
+        assert!(written.support_nats > 100.0, "{written:?}");
+        assert!(!written.ci95.is_empty());
+    }
+    assert_eq!(provenance.effects.len(), effects.len());
+    let files = provenance.records.iter();
+    let files: Vec<_> = files
+        .map(|r| (&r.source.file[..], &r.used_to[..]))
+        .collect();
+    assert_eq!(files, [("a.csv", "fit"), ("b.csv", "validate")]);
     assert_eq!(one, diagnosis("2"));
 }
 

@@ -212,7 +212,13 @@ fn a_malformed_leak_is_refused_with_line_and_key() {
 fn malformed_effects_are_refused_with_line_and_key() {
     let hysteresis = "[[effect]]\nname = \"hysteresis\"\nform = \"duhem\"\nforce_n = 20\n";
     let with = |lines: &str| hysteresis.to_owned() + lines;
-    let many = "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = 0.1\n".repeat(37);
+    let lag = |ms| {
+        format!(
+            "[[effect]]\nname = \"valve-lag\"\ntime_constant_s = {}\n",
+            1e-3 * f64::from(ms)
+        )
+    };
+    let many: String = (100..137).map(lag).collect();
     for (lines, line, key, says) in [
         (
             "[[effect]]\n".into(),

@@ -2,13 +2,19 @@
 //! mapping.
 //!
 //! `tests/import` holds MATLAB files as scipy 1 (version 5) and h5py 3 with MATLAB's header (7.3)
-//! write them: `make.py` there.
+//! write them (`make.py` there), a workbook of openpyxl, and logs as mcap, mcap-ros2-support and
+//! rosbags write them (`make_logs.py`).
 
+use hil_sim::record::columns::{COLUMNS, Cell};
 use hil_sim::record::import::{Imported, Map};
-use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, TEMPERATURE_K};
+use hil_sim::record::mcap::{McapWriter, Origin};
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, TEMPERATURE_K, VALVE_OPEN};
+use mcap::records::MessageHeader;
+use mcap::{Compression, WriteOptions};
 use proptest::prelude::*;
-use std::io::Write;
-use std::process::Command;
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read, Write};
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 const PLAIN_5: &[u8] = include_bytes!("import/plain5.mat");
@@ -211,7 +217,7 @@ fn errors_of_cells_name_line_and_column() {
             b"t,f\n0,\n1,\n",
             ": column 2: expected at least one sample of force_n, found none",
         ),
-        (b"t\n0\n", ": column 2: expected one of t, found none"),
+        (b"t\n0\n", ": column 2: expected one of `t`, found none"),
         (
             b"t,f\n",
             ": column 1: expected at least one row of samples, found none",
@@ -241,6 +247,45 @@ fn errors_of_cells_name_line_and_column() {
         import(&comma, b"t;f\n0;1000,5\n").record.column(FORCE_N),
         Some(&[1000.5][..])
     );
+}
+
+#[test]
+fn errors_of_layouts_say_what_the_mapping_lacks() {
+    let named = SIMPLE.replace("column = 1", "column = \"Zeit\"");
+    for (map_text, file, message) in [
+        (
+            SIMPLE,
+            &b""[..],
+            ": expected a line with names of columns, found the end of the file",
+        ),
+        (
+            &named,
+            b"0,1\n1,2\n",
+            ": column `Zeit`: expected one of `0`, `1`, found none; without a line of names \
+             `file.header = false` numbers the columns",
+        ),
+        (
+            &named,
+            b"Zeit;F\n0;1\n",
+            ": column `Zeit`: expected one of `Zeit;F`, found none; is `file.delimiter` ';'?",
+        ),
+        (
+            &named,
+            b"Zait,F\n0,1\n",
+            ": column `Zeit`: expected one of `Zait`, `F`, found none: did you mean Zait?",
+        ),
+        // 1,5 N with a decimal comma would be 1 N.
+        (
+            SIMPLE,
+            b"t,f,n\n0,1,5,a\n",
+            ":2: expected 3 cells as in the first row, found 4; decimal commas need another \
+             delimiter",
+        ),
+    ] {
+        assert_eq!(refused(map_text, file), format!("bench.txt{message}"));
+    }
+    // A delimiter at the end of each row is no cell.
+    assert_eq!(import(SIMPLE, b"t,f\n0,1,\n1,2,\n").summary.rows_read, 2);
 }
 
 #[test]
@@ -358,7 +403,8 @@ fn matlab_files_are_read_in_each_version() {
     );
     assert_eq!(
         refused(&field, PLAIN_5),
-        "bench.txt: column `rig.p`: expected one of t_ms, p, data(:,1) to (:,2), n, s.x, found none"
+        "bench.txt: column `rig.p`: expected one of `t_ms`, `p`, `data(:,1) to (:,2)`, `n`, `s.x`, \
+         found none"
     );
     let outside = MATLAB.replace("(:,2)", "(:,3)");
     assert!(refused(&outside, V_7_3).contains("column `data(:,3)`: expected one of"));
@@ -440,11 +486,419 @@ fn fields_of_structs_and_arrays_of_one_dimension_are_read() {
     assert_eq!(record.column(FORCE_N), Some(&[0.0, 1.0, 4.0, 9.0][..]));
 }
 
+const SHEET: &[u8] = include_bytes!("import/sheet.xlsx");
+
+/// Of the second sheet: a title, a blank row, names, units.
+const SHEET_MAP: &str = r#"
+[file]
+sheet = "Messung"
+skip_lines = 2
+skip_after_header = 1
+[time]
+column = "Zeit"
+unit = "ms"
+[columns.pressure_pa]
+column = "Druck"
+unit = "bar"
+offset = -1.013
+[columns.contraction]
+column = "Weg"
+unit = "1"
+scale = 0.01
+[columns.force_n]
+column = 5
+unit = "N"
+scale = 50
+"#;
+
+#[test]
+fn sheets_of_workbooks_are_read_with_the_layout_of_a_csv_file() {
+    let comma = SHEET_MAP.replace("[time]", "decimal_comma = true\ndelimiter = \";\"\n[time]");
+    for text in [SHEET_MAP, &comma] {
+        let Imported { record, summary } = import(text, SHEET);
+        assert!(close(record.time_s(), &[0.0, 0.01, 0.02, 0.03, 0.04]));
+        let column = |name| record.column(name).expect("the column");
+        assert!(close(column(FORCE_N), &[0.0, 12.5, 25.0, 37.5, 50.0]));
+        let contraction = [0.0, 0.015, f64::NAN, 0.045, 0.06];
+        assert!(close(column(CONTRACTION), &contraction));
+        for (row, pressure_pa) in column(PRESSURE_PA).iter().enumerate() {
+            assert!((pressure_pa - 5e4 * row as f64).abs() < 1e-6);
+        }
+        assert_eq!((summary.format, summary.rows_read), ("xlsx", 5));
+        assert_eq!(summary.left_out, ["Uhr", "Bemerkung"]);
+        assert_eq!(
+            summary.notes,
+            ["Sheet `Messung`. `file.sheet` takes another: `Info`."]
+        );
+    }
+    // Dates are days since 1900: half a second is 6e-6 of them, and their digits end at 1e-11.
+    let dates = SHEET_MAP.replace("\"Zeit\"\nunit = \"ms\"", "\"Uhr\"\nunit = \"d\"");
+    let record = import(&dates, SHEET).record;
+    for (row, time_s) in record.time_s().iter().enumerate() {
+        let since_s = time_s - record.time_s()[0];
+        assert!((since_s - 0.5 * row as f64).abs() < 1e-5, "{since_s}");
+    }
+}
+
+#[test]
+fn errors_in_workbooks_name_sheet_row_and_column() {
+    for (from, to, says) in [
+        (
+            "sheet = \"Messung\"",
+            "",
+            "bench.txt: expected a line with names of columns, found the end of the file",
+        ),
+        (
+            "\"Messung\"",
+            "\"Mesung\"",
+            "bench.txt: expected a `file.sheet` of [\"Info\", \"Messung\"], found `Mesung`",
+        ),
+        (
+            "\"Weg\"",
+            "\"Bemerkung\"",
+            "bench.txt:6: column `Bemerkung`: expected a number or an empty cell, found `a;b, \
+             \"c\"`",
+        ),
+    ] {
+        assert_eq!(refused(&SHEET_MAP.replace(from, to), SHEET), says);
+    }
+}
+
+const LZ4: &[u8] = include_bytes!("import/lz4.mcap");
+const ZSTD: &[u8] = include_bytes!("import/zstd.mcap");
+const ROS_2: &[u8] = include_bytes!("import/ros2.mcap");
+const BAG: &[u8] = include_bytes!("import/bag.mcap");
+
+/// The time in `time`, the force in `force`.
+fn log_map(time: &str, force: &str) -> String {
+    let map = SIMPLE.replace("column = 1", &format!("column = {time:?}"));
+    map.replace("column = 2", &format!("column = {force:?}"))
+}
+
+#[test]
+fn messages_in_json_are_read_by_topic_and_field() {
+    for file in [LZ4, ZSTD] {
+        let map = log_map("/rig.log_time_s", "/rig.p.bar")
+            + "[columns.valve_open]\ncolumn = \"/rig.is_up\"\nunit = \"1\"\n";
+        let Imported { record, summary } = import(&map, file);
+        let bar: Vec<f64> = (0..8).map(|row| 1.0 + 0.25 * f64::from(row)).collect();
+        assert_eq!(record.column(FORCE_N), Some(&bar[..]));
+        assert_eq!(
+            record.column(VALVE_OPEN).map(|open| open[3..5].to_vec()),
+            Some(vec![0.0, 1.0])
+        );
+        for (row, time_s) in record.time_s().iter().enumerate() {
+            // A double has 2.4e-7 s at the year 2023.
+            assert!((time_s - 1.7e9 - 0.01 * row as f64).abs() < 3e-7);
+        }
+        assert_eq!(summary.format, "MCAP");
+        assert_eq!(
+            summary.left_out,
+            [
+                "/force.log_time_s",
+                "/force.newtons[0]",
+                "/force.newtons[1]"
+            ]
+        );
+    }
+}
+
+#[test]
+fn topics_are_merged_by_the_time_of_their_log() {
+    let pressure = "[columns.pressure_pa]\ncolumn = \"/rig.p.bar\"\nunit = \"bar\"\n";
+    let map = log_map("log_time_s", "/force.newtons[1]") + pressure;
+    let record = import(&map, ZSTD).record;
+    // Every 10 ms the rig; at 0, 25, 40 and 65 ms the force.
+    let force_n: Vec<_> = record.column(FORCE_N).expect("a force").to_vec();
+    let no = f64::NAN;
+    assert!(
+        close(&force_n, &[0.0, no, no, 4.0, no, 8.0, no, no, 12.0, no]),
+        "{force_n:?}"
+    );
+    let pressure_pa = record.column(PRESSURE_PA).expect("a pressure");
+    assert_eq!(pressure_pa.iter().filter(|cell| cell.is_nan()).count(), 2);
+    assert!((record.time_s()[3] - 1.7e9 - 0.025).abs() < 3e-7);
+    // Rows of different clocks do not belong together.
+    let error = refused(
+        &(log_map("/rig.log_time_s", "/force.newtons[1]") + pressure),
+        ZSTD,
+    );
+    assert!(
+        error.contains("fields of one topic, or `time.column = \"log_time_s\"`, which merges"),
+        "{error}"
+    );
+    let error = refused(&log_map("/rig.log_time_s", "/rig.q"), ZSTD);
+    assert!(
+        error.contains("column `/rig.q`: expected one of `/rig.log_time_s`, `/rig.is_up`"),
+        "{error}"
+    );
+}
+
+#[test]
+fn messages_of_ros_2_are_read_by_their_definitions() {
+    // One topic: the bare names of its fields are enough.
+    for (topic, file) in [("/state.", ROS_2), ("", ROS_2)] {
+        let field = |name: &str| format!("{topic}{name}");
+        let map = log_map(&field("header.stamp"), &field("contraction"))
+            + &format!(
+                "[columns.pressure_pa]\ncolumn = {:?}\nunit = \"Pa\"\n\
+                 [columns.supply_pa]\ncolumn = {:?}\nunit = \"Pa\"\n\
+                 [columns.finger_m]\ncolumn = {:?}\nunit = \"m\"\n\
+                 [columns.input_force_n]\ncolumn = {:?}\nunit = \"N\"\n",
+                field("pressure[0]"),
+                field("pressure[1]"),
+                field("points[1].y"),
+                field("count"),
+            );
+        let record = import(&map, file).record;
+        let column = |name| record.column(name).expect("the column").to_vec();
+        assert!((record.time_s()[5] - 1.7e9 - 0.05).abs() < 3e-7);
+        let rows = |scale: f64| (0..6).map(|row| scale * f64::from(row)).collect::<Vec<_>>();
+        assert_eq!(column(PRESSURE_PA), rows(1e5));
+        assert_eq!(column("supply_pa"), [5e5; 6]);
+        assert_eq!(column(FORCE_N), rows(0.125));
+        assert_eq!(column("input_force_n"), rows(-1.0));
+        // The second point is in every third message, behind texts of any length.
+        let no = f64::NAN;
+        assert!(close(&column("finger_m"), &[no, no, 2.0, no, no, 5.0]));
+    }
+}
+
+#[test]
+fn bags_of_ros_2_are_read() {
+    let map = log_map("log_time_s", "/joint_states.effort[1]")
+        + "[columns.pressure_pa]\ncolumn = \"/muscle/pressure.fluid_pressure\"\nunit = \"Pa\"\n\
+           offset = -101325\n";
+    let Imported { record, summary } = import(&map, BAG);
+    let rows = |first: f64, step: f64| (0..6).map(move |row| first + step * f64::from(row));
+    let expected: Vec<_> = rows(30.0, 1.0).collect();
+    assert_eq!(record.column(FORCE_N), Some(&expected[..]));
+    let expected: Vec<_> = rows(0.0, 1e4).collect();
+    assert_eq!(record.column(PRESSURE_PA), Some(&expected[..]));
+    assert!(
+        summary
+            .left_out
+            .contains(&"/joint_states.position[0]".to_owned())
+    );
+    // Cut off within its second half: what is complete is read, and it is said.
+    let cut = &BAG[..1300];
+    let cut = import(&map, cut).summary;
+    assert!(
+        cut.rows_read < 6 && cut.notes[0].starts_with("The file is damaged"),
+        "{cut:?}"
+    );
+}
+
+/// The cells of a tick: time, reference and pressure.
+fn ticks() -> Vec<Vec<Cell>> {
+    let tick = |row: u32| {
+        let cell = |column: &hil_sim::record::columns::Column| match column.name {
+            "time_s" => Cell::Number(0.01 * f64::from(row)),
+            "pressure_ref_pa" => Cell::Number(2e5),
+            "pressure_pa" if row != 1 => Cell::Number(1e5 + f64::from(row)),
+            "mode" => Cell::Text("Ready".into()),
+            _ => Cell::Missing,
+        };
+        COLUMNS.iter().map(cell).collect()
+    };
+    (0..4).map(tick).collect()
+}
+
+#[test]
+fn a_log_of_this_program_needs_no_mapping() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("assist.mcap");
+    let mut writer = McapWriter::create(&path, &Origin::default()).expect("created");
+    for (row, cells) in ticks().iter().enumerate() {
+        writer.push(0.01 * row as f64, cells).expect("written");
+    }
+    writer.finish().expect("written");
+    let done = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder.path())
+        .args(["import", "assist.mcap", "--out", "assist.csv"])
+        .output()
+        .expect("the command runs");
+    assert!(
+        done.status.success(),
+        "{}",
+        String::from_utf8_lossy(&done.stderr)
+    );
+    let written = std::fs::read_to_string(folder.path().join("assist.csv")).expect("a record");
+    assert_eq!(
+        written,
+        "time_s,pressure_ref_pa,pressure_pa\n0,200000,100000\n0.01,200000,\n\
+         0.02,200000,100002\n0.03,200000,100003\n"
+    );
+    let other = Map::of_record("a.csv", b"Zeit;Druck\n0;1\n", &[]).expect_err("other names");
+    assert!(
+        other
+            .to_string()
+            .contains("found Zeit;Druck; a mapping (`hil-sim import --example`)"),
+        "{other}"
+    );
+}
+
+/// A ZIP file of parts.
+fn zip_of(parts: Vec<(String, Box<dyn Read>)>) -> Vec<u8> {
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    for (name, mut bytes) in parts {
+        zip.start_file(name, zip::write::SimpleFileOptions::default())
+            .expect("memory");
+        std::io::copy(&mut bytes, &mut zip).expect("memory");
+    }
+    zip.finish().expect("memory").into_inner()
+}
+
+/// A workbook as [`SHEET`] with one part in another form.
+fn with_part(replaced: &str, bytes: impl Read + 'static) -> Vec<u8> {
+    let mut book = zip::ZipArchive::new(Cursor::new(SHEET)).expect("a workbook");
+    let mut parts: Vec<(String, Box<dyn Read>)> = vec![(replaced.to_owned(), Box::new(bytes))];
+    for index in 0..book.len() {
+        let mut part = book.by_index(index).expect("a part");
+        let name = part.name().expect("a name").into_owned();
+        let mut bytes = Vec::new();
+        part.read_to_end(&mut bytes).expect("a part");
+        if name != replaced {
+            parts.push((name, Box::new(Cursor::new(bytes))));
+        }
+    }
+    zip_of(parts)
+}
+
+/// An MCAP file with one packed chunk of messages `data`.
+fn log_of(encoding: &str, schema: &str, data: &[u8], count: u32) -> Vec<u8> {
+    let mut file = Cursor::new(Vec::new());
+    let options = WriteOptions::new().compression(Some(Compression::Zstd));
+    let options = options.chunk_size(None).emit_message_indexes(false);
+    let mut writer = options.create(&mut file).expect("memory");
+    let schema = writer
+        .add_schema("a/B", "ros2msg", schema.as_bytes())
+        .expect("memory");
+    let channel = writer
+        .add_channel(schema, "/t", encoding, &BTreeMap::new())
+        .expect("memory");
+    let header = MessageHeader {
+        channel_id: channel,
+        sequence: 0,
+        log_time: 0,
+        publish_time: 0,
+    };
+    for _ in 0..count {
+        writer
+            .write_to_known_channel(&header, data)
+            .expect("memory");
+    }
+    writer.finish().expect("memory");
+    drop(writer);
+    file.into_inner()
+}
+
+/// What makes a small file that would take gigabytes or minutes, and what is said of it.
+type Small = (&'static str, fn() -> Vec<u8>, &'static str);
+
+const STRINGS: &str = "xl/sharedStrings.xml";
+
+const SMALL: [Small; 8] = [
+    (
+        "spaces.xlsx",
+        || with_part(STRINGS, std::io::repeat(b' ').take(60_000_000)),
+        "unpacked bytes, found more",
+    ),
+    (
+        "wide.xlsx",
+        || {
+            let row = "<row r=\"ROW\"><c r=\"XFDROW\"><v>1</v></c></row>";
+            let rows = (1..100_000).map(|number| row.replace("ROW", &number.to_string()));
+            let rows: String = rows.collect();
+            let sheet = format!("<worksheet><sheetData>{rows}</sheetData></worksheet>");
+            with_part("xl/worksheets/sheet2.xml", Cursor::new(sheet))
+        },
+        "cells of at most",
+    ),
+    (
+        "count.xlsx",
+        || {
+            let strings = "<sst uniqueCount=\"1000000000000000000\"><si><t>a</t></si></sst>";
+            with_part(STRINGS, Cursor::new(strings))
+        },
+        "",
+    ),
+    (
+        "texts.xlsx",
+        || {
+            let texts = "<sst>".to_owned() + &"<si><t>a</t></si>".repeat(1_500_000) + "</sst>";
+            with_part(STRINGS, Cursor::new(texts))
+        },
+        "",
+    ),
+    (
+        "zeros.mcap",
+        || log_of("json", "", &vec![0; 40_000_000], 1),
+        "unpacked bytes, found more",
+    ),
+    (
+        "many.mcap",
+        || log_of("json", "", b"{\"a\":1}", 1_000_000),
+        "unpacked bytes, found more",
+    ),
+    (
+        "nested.mcap",
+        || {
+            let deep = [&[0, 1, 0, 0], &[1_u8, 0, 0, 0].repeat(1000)[..]].concat();
+            log_of("cdr", "B[] a\n===\nMSG: a/B\nB[] a", &deep, 10)
+        },
+        "found ones within each other",
+    ),
+    (
+        "long.mcap",
+        || log_of("cdr", "uint8[] a", &[0, 1, 0, 0, 255, 255, 255, 255], 10),
+        "expected 4294967295 values of a, found 0 bytes",
+    ),
+];
+
+#[test]
+fn small_workbooks_and_logs_cannot_cost_much() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::write(folder.path().join("sheet.toml"), SHEET_MAP).expect("written");
+    std::fs::write(folder.path().join("log.toml"), log_map("log_time_s", "a")).expect("written");
+    for (name, file, says) in SMALL {
+        let file = file();
+        assert!(file.len() < 1_000_000, "{name}: {}", file.len());
+        std::fs::write(folder.path().join(name), &file).expect("written");
+        let map = if name.ends_with("xlsx") {
+            "sheet.toml"
+        } else {
+            "log.toml"
+        };
+        let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+            .current_dir(folder.path())
+            .args(["import", name, "--map", map, "--out", "out.csv"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the command runs");
+        let mut error = String::new();
+        let stderr = child.stderr.as_mut().expect("piped");
+        stderr.read_to_string(&mut error).expect("text");
+        let used = wait4::Wait4::wait4(&mut child).expect("it ends");
+        // With its child process, which reads the file; its memory is limited by the system.
+        let time_s = (used.rusage.utime + used.rusage.stime).as_secs_f64();
+        assert!(error.contains(says), "{name}: {error}");
+        assert_eq!(
+            error.lines().count(),
+            usize::from(!used.status.success()),
+            "{name}: {error}"
+        );
+        // Crates without optimisation are slower by a factor of ten and more.
+        let limit_s = if cfg!(debug_assertions) { 30.0 } else { 2.0 };
+        assert!(time_s < limit_s, "{name}: {time_s} s");
+    }
+}
+
 #[test]
 fn other_formats_are_named_with_the_command_that_converts_them() {
     for (file, says) in [
         (
-            &b"PK\x03\x04rest"[..],
+            &zip_of(vec![("mimetype".into(), Box::new(Cursor::new("ods")))])[..],
             "`libreoffice --headless --convert-to csv bench.txt`",
         ),
         (b"ULog\x01\x12\x35\x01", "`ulog2csv bench.txt`"),

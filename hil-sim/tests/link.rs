@@ -88,11 +88,15 @@ fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
     assert_eq!((again.compared_ticks, again.differing_ticks), (400, 0));
 }
 
+/// When the records start: 2026-11-24 01:20:00 UTC.
+const STARTED: Duration = Duration::from_secs(1_795_483_200);
+
 /// Runs `ticks` ticks of [`wander`] on `client`'s board and records them.
 fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Path) {
     let origin = Origin {
         rig: Some("none".into()),
         seed: Some(u64::MAX),
+        started: STARTED,
     };
     let mut recorder = Recorder::create(path, &origin).unwrap();
     client.restart_in_loop().unwrap();
@@ -233,10 +237,49 @@ fn mcap_has_the_contents_that_viewers_need() {
                 }
             }
         }
-        assert_eq!(message.log_time, messages * 10_000_000);
+        let time = STARTED + Duration::from_millis(10) * messages as u32;
+        assert_eq!(u128::from(message.log_time), time.as_nanos());
         messages += 1;
     }
     assert_eq!(messages, 120);
+}
+
+/// Each panel of the layout is placed once, and shows columns that a record has, with one unit a
+/// plot.
+#[test]
+fn the_layout_shows_columns_of_the_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 5, &path);
+    let text = std::fs::read_to_string(path.with_extension("layout.json")).unwrap();
+    let layout: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let (mut placed, mut open) = (Vec::new(), vec![&layout["layout"]]);
+    while let Some(node) = open.pop() {
+        match node.as_str() {
+            Some(name) => placed.push(name),
+            None => open.extend([&node["first"], &node["second"]]),
+        }
+    }
+    placed.sort_unstable();
+    let panels = layout["configById"].as_object().unwrap();
+    assert!(panels.keys().eq(placed), "{text}");
+    let header = std::fs::read_to_string(&path).unwrap();
+    let header: Vec<&str> = header.lines().next().unwrap().split(',').collect();
+    for (name, panel) in panels {
+        let mut units = std::collections::HashSet::new();
+        for shown in panel["paths"].as_array().unwrap() {
+            let column = shown["value"]
+                .as_str()
+                .unwrap()
+                .strip_prefix("/assist.")
+                .unwrap();
+            assert!(header.contains(&column), "{name}: {column}");
+            if name.starts_with("Plot") {
+                units.insert(column.rsplit_once('_').map_or("", |(_, unit)| unit));
+            }
+        }
+        assert!(units.len() <= 1, "{name}: {units:?}");
+    }
 }
 
 /// A record that is truncated in its last block is read up to that block.

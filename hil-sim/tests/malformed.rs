@@ -16,7 +16,7 @@ time_s,pressure_ref_pa,pressure_pa,contraction,note
 ";
 
 /// Lines of the reference rig, their replacements, and the expected message.
-const RIGS: [(&str, &str, &str); 33] = [
+const RIGS: [(&str, &str, &str); 34] = [
     (
         "schema = 1",
         "schema = 2",
@@ -163,6 +163,12 @@ const RIGS: [(&str, &str, &str); 33] = [
     ),
     (
         "# [[effect]]",
+        "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 4e-9\n\n\
+         [[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 4.0e-9",
+        "key `effect.name`: expected each effect once",
+    ),
+    (
+        "# [[effect]]",
         "[[effect]]\nname = \"leak\"",
         "key `effect.conductance_kg_per_pa_s`",
     ),
@@ -206,7 +212,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time_s;pressure_ref_pa\n0;0\n",
-        ":1: expected a header line with a column `time_s`",
+        ":1: expected a header line with a column `time_s`, found `time_s;pressure_ref_pa`",
     ),
     (
         "time_s,pressure_ref_pa\n0,\n1,1e5\n",
@@ -226,7 +232,7 @@ const RECORDS: [(&str, &str); 32] = [
     ),
     (
         "time_s,pressure_ref_pa\n0,NaN\n",
-        ":2: column `pressure_ref_pa`: expected a number or",
+        ":2: column `pressure_ref_pa`: expected a number or an empty cell, found `NaN` (`hil-sim",
     ),
     (
         "time_s,pressure_ref_pa\n0,\"1\n",

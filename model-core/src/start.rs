@@ -17,7 +17,8 @@ pub enum StartFault {
     Ram,
     /// The stack does not hold the pattern of the start-up code.
     Stack,
-    /// The supply is not 3.3 V within 10 %, by the converter's internal reference.
+    /// The supply is not 3.3 V within 10 %, by the converter's internal reference, or the chip's
+    /// regulator does not make the core's voltage of it.
     Supply,
     /// The valve's voltage is not the one that was set.
     ValveVoltage,
@@ -46,7 +47,10 @@ impl StartFault {
             StartFault::Image => "flash the firmware again; if it comes back, the flash is worn",
             StartFault::Ram => "the chip is damaged: replace the board",
             StartFault::Stack => "flash the firmware again; if it comes back, replace the board",
-            StartFault::Supply => "measure the board's 3.3 V (2.97 to 3.63 V) and AVDD",
+            StartFault::Supply => {
+                "measure the board's 3.3 V (2.97 to 3.63 V) and AVDD; if they are right, the \
+                 capacitors at VCAP"
+            }
             StartFault::ValveVoltage => {
                 "disconnect the valve's amplifier from A2: its input pulls the voltage, or is \
                  shorted; without a DAC check the converter's wires"
@@ -74,6 +78,8 @@ pub struct StartFindings {
     pub stack_free_bytes: u16,
     /// The internal reference: as measured, and at 3.3 V \[counts\].
     pub reference: (u16, u16),
+    /// The chip's regulator reports the voltage that the core's clock needs.
+    pub regulator: bool,
     /// The valve's voltage as read back, for each of [`VALVE_LEVELS`] \[counts\].
     pub valve: [u16; VALVE_LEVELS.len()],
     /// The lowest and the highest count of each: the board's converter has tolerances.
@@ -99,7 +105,7 @@ impl StartFindings {
             Some(StartFault::Ram)
         } else if self.stack_free_bytes == 0 {
             Some(StartFault::Stack)
-        } else if !is_supply_valid(reference.into(), calibrated.into()) {
+        } else if !self.regulator || !is_supply_valid(reference.into(), calibrated.into()) {
             Some(StartFault::Supply)
         } else if !self.valve_limits.iter().zip(&self.valve).all(valve_follows) {
             Some(StartFault::ValveVoltage)
@@ -120,6 +126,7 @@ mod tests {
         ram: true,
         stack_free_bytes: 3_000,
         reference: (1_510, 1_502),
+        regulator: true,
         valve: [3, 504],
         valve_limits: [(0, 40), (464, 552)],
         brown_out_level: 0,
@@ -133,7 +140,7 @@ mod tests {
             ..HEALTHY
         };
         assert_eq!(unsealed.fault(), None);
-        let mut findings = [HEALTHY; 9];
+        let mut findings = [HEALTHY; 10];
         findings[0].image = Some(false);
         findings[1].ram = false;
         findings[2].stack_free_bytes = 0;
@@ -143,6 +150,7 @@ mod tests {
         findings[6].valve[1] = 463;
         findings[7].valve[1] = 553;
         findings[8].brown_out_level = 3;
+        findings[9].regulator = false;
         let expected = [
             StartFault::Image,
             StartFault::Ram,
@@ -153,6 +161,7 @@ mod tests {
             StartFault::ValveVoltage,
             StartFault::ValveVoltage,
             StartFault::BrownOut,
+            StartFault::Supply,
         ];
         for (findings, expected) in findings.iter().zip(expected) {
             assert_eq!(findings.fault(), Some(expected), "{findings:?}");
@@ -176,6 +185,7 @@ mod tests {
             ram: false,
             stack_free_bytes: 0,
             reference: (0, 1_502),
+            regulator: false,
             valve: [4_095; 2],
             valve_limits: HEALTHY.valve_limits,
             brown_out_level: 3,

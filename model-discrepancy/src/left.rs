@@ -42,7 +42,7 @@ impl Profile {
             _ => "",
         };
         match (self.coordinate, bin[0].total_cmp(&0.0)) {
-            ("direction", std::cmp::Ordering::Less) => "while paying out".into(),
+            ("direction", std::cmp::Ordering::Less) => "while extending".into(),
             ("direction", std::cmp::Ordering::Greater) => "while contracting".into(),
             ("direction", _) => "at rest".into(),
             (name, _) if bin[0] == bin[1] => format!("at a {name} of {}{unit}", number(bin[0])),

@@ -10,14 +10,8 @@
 # Works on a copy of the working tree as it is at the start, and does not change it.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-missing=()
-for tool in cargo git cmake clang pkg-config; do
-    command -v "$tool" >/dev/null || missing+=("$tool")
-done
-if [ ${#missing[@]} -gt 0 ]; then
-    printf 'mutants: missing: %s (Debian: cmake clang libclang-dev pkg-config)\n' "${missing[*]}" >&2
-    exit 2
-fi
+scripts/require.sh mutants cargo git cc pkg-config libclang pip
+scripts/board-engine.sh
 only='' part=1 parts=1
 case ${1:-} in
 --part) IFS=/ read -r part parts <<<"${2:?--part 3/8}" ;;
@@ -44,11 +38,12 @@ fresh_copy() {
     cp -a "$work/original" "$work/tree"
 }
 
-build() { (cd "$work/tree" && CARGO_TARGET_DIR=$mutants_dir cargo firmware) >"$work/log" 2>&1; }
+build() { (cd "$work/tree" && CARGO_TARGET_DIR=$mutants_dir cargo firmware "$@") >"$work/log" 2>&1; }
 
-# Builds the tests on the emulated board with the toolchain of the host, and prints their program.
+# Builds the tests on the emulated board with the toolchain of the host, and prints their program. Not
+# from the copy, for which all that they need would be built again.
 build_tests() {
-    (cd "$work/original/tests/board" && CARGO_TARGET_DIR=$tests_dir env -u RUSTUP_TOOLCHAIN \
+    (cd tests/board && CARGO_TARGET_DIR=$tests_dir env -u RUSTUP_TOOLCHAIN \
         cargo test --release --no-run --test firmware) 2>&1 | tee "$work/log" |
         sed -n 's/^ *Executable .*(\(.*\))$/\1/p'
 }
@@ -57,7 +52,14 @@ build_tests() {
 passes_on_board() {
     FIRMWARE=$mutants_dir/$target/release/firmware \
         timeout 600 "$tests" --include-ignored --skip power_cuts --skip hundred_thousand --skip live:: \
-        "$@" >"$work/log" 2>&1
+        --skip converter:: "$@" >"$work/log" 2>&1
+}
+
+# Those whose name contains $1, on the board whose bridge has a converter of its own.
+passes_on_converter() {
+    build --no-default-features --features nucleo-f411re,ads1220 &&
+        FIRMWARE=$mutants_dir/$target/release/firmware timeout 600 "$tests" --include-ignored "$@" \
+            >"$work/log" 2>&1
 }
 
 # model-core's own tests whose name contains $1.
@@ -71,6 +73,8 @@ passes() {
     local file=$1 expected=$2
     if [[ $file == model-core/* ]]; then
         passes_on_pc "$expected" && passes_on_pc && build && passes_on_board
+    elif [[ $expected == converter::* ]]; then
+        passes_on_converter "$expected" && passes_on_converter converter::
     else
         build && passes_on_board "$expected" && passes_on_board
     fi

@@ -190,7 +190,7 @@ fn a_dead_band_is_found_at_any_rate_in_steps_and_ramps() {
         // γ is known to 5 N, which are 2 kPa of 2.5e-3 m²: three of them.
         let found = &diagnosis.effects[0].parameters["pressure_pa"];
         assert!((found.value - 3e4).abs() < 6e3, "{found:?}");
-        let gap = &diagnosis.gap[FORCE_N];
+        let gap = diagnosis.gap_of(FORCE_N).expect("a force");
         assert!(
             gap.after < 1.5 * gap.noise && gap.before > 10.0 * gap.noise,
             "{gap:?}"
@@ -208,7 +208,7 @@ fn a_force_law_within_its_tolerance_is_calibrated_without_an_effect() {
             "{:?}",
             names(&diagnosis)
         );
-        let gap = &diagnosis.gap[FORCE_N];
+        let gap = diagnosis.gap_of(FORCE_N).expect("a force");
         assert!(gap.after < 1.3 * gap.noise, "{gap:?}");
     }
 }
@@ -248,7 +248,7 @@ fn a_saturated_load_cell_does_not_change_the_force_law() {
 fn a_rounded_clock_may_repeat_a_time_occasionally() {
     let file = |repeated: &[usize]| {
         let mut text = String::from("time_s,pressure_pa\n");
-        for row in 0..200 {
+        for row in 0..2000 {
             let time = if repeated.contains(&row) {
                 row - 1
             } else {
@@ -261,7 +261,9 @@ fn a_rounded_clock_may_repeat_a_time_occasionally() {
     let record = file(&[17]).expect("a record");
     assert!((record.time_s()[17] - 0.034).abs() < 1e-12);
     assert!(record.time_s().windows(2).all(|pair| pair[0] < pair[1]));
-    for often in [&[17, 50, 80][..], &[199]] {
+    // On the line after the header and 17 rows.
+    assert_eq!(record.repeated_times(), Some((1, 19)));
+    for often in [&[17, 50, 80][..], &[1999]] {
         let why = file(often).expect_err("a clock that stands").to_string();
         assert!(
             why.contains("a.csv:") && why.contains("`hil-sim import` corrects"),

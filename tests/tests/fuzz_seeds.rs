@@ -30,7 +30,18 @@ fn no_seed_violates_a_property_of_its_target() {
     assert_eq!(
         ran,
         [
-            "import", "link", "mcap", "pipe", "record", "rig", "settings"
+            "import",
+            "import-hdf5",
+            "import-log",
+            "import-matlab",
+            "import-ros",
+            "import-sheet",
+            "link",
+            "mcap",
+            "pipe",
+            "record",
+            "rig",
+            "settings"
         ]
     );
 }

@@ -3,6 +3,7 @@
 //! watchdog timer, flash). The firmware implements these for its chips.
 #![no_std]
 
+pub mod ads1220;
 pub mod button;
 pub mod encoder;
 pub mod mcp4922;

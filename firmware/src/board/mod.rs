@@ -30,7 +30,8 @@ use stm32f4xx_hal::pac::{GPIOA, GPIOB, GPIOC};
 pub const TICK_US: u32 = 1_000 * TICK_PERIOD_MS;
 /// CPU cycles per tick.
 pub const TICK_CYCLES: NonZeroU32 = NonZeroU32::new(SYSCLK_HZ / 1_000_000 * TICK_US).unwrap();
-/// Clock of APB1, on which USART2 and SPI2 are \[Hz\]: half that of its timers on every board.
+/// Clock of APB1, on which USART2, SPI2 and SPI3 are \[Hz\]: half that of its timers on every
+/// board.
 pub const PCLK1_HZ: u32 = TIMER_HZ / 2;
 /// Counts of the tick timer from one scan of the converter to the next: one per microsecond.
 pub const SCAN_COUNTS: u32 = TICK_US / SCANS as u32;
@@ -62,6 +63,9 @@ pub struct Pins {
     pub encoder: EncoderPins,
     /// Valve.
     pub valve: ValvePins,
+    /// The bridge's converter.
+    #[cfg(feature = "ads1220")]
+    pub bridge_converter: BridgeConverterPins,
     /// Link TX and RX.
     pub link: LinkPins,
     /// User button.

@@ -16,6 +16,14 @@
 //! | valve in the port | PB5 (D4) | output, alternates   | written by the tick              |
 //! | status lamp     | PA5 (D13, LD2) | output, high is lit | written by the tick              |
 //!
+//! With the feature `ads1220` an ADS1220 at SPI3 reads the strain bridge, and PC0 half of the
+//! bridge's supply:
+//!
+//! | signal          | pin      | peripheral             | served by                        |
+//! |-----------------|----------|------------------------|----------------------------------|
+//! | bridge: SCLK, DOUT, DIN | PC10, PC11, PC12 | SPI3, to an ADS1220 | read at each scan   |
+//! | bridge: CS, DRDY | PB7, PC2 | output, high if idle; input, low if ready | the same        |
+//!
 //! Chip and memory are in `nucleo_f411re.x`.
 
 use super::{Pins, Ports};
@@ -24,7 +32,9 @@ use stm32f4xx_hal::gpio::{
     Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PB12, PB13,
     PB14, PB15, PC0, PC1, PC13, Speed,
 };
-use stm32f4xx_hal::pac::{GPIOB, PWR, RCC};
+#[cfg(feature = "ads1220")]
+use stm32f4xx_hal::gpio::{PB7, PC2, PC10, PC11, PC12};
+use stm32f4xx_hal::pac::{GPIOB, PWR};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::{Config, Rcc};
 
@@ -50,10 +60,7 @@ pub const TIMER_HZ: u32 = SYSCLK_HZ;
 
 /// The clocks. Sets the regulator to scale 1 first, which the HAL does not: scale 2, the one after
 /// a reset, is for 84 MHz. The scale takes effect when the PLL starts.
-pub fn clocks(rcc: &RCC, power: &PWR) -> Config {
-    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
-    // A unit takes two cycles to get its clock.
-    cortex_m::asm::dsb();
+pub fn clocks(power: &PWR) -> Config {
     // SAFETY: the register's manual has this value.
     #[allow(unsafe_code)]
     power
@@ -89,6 +96,28 @@ pub struct ValvePins {
     pub read_back: ValveReadBackPin,
 }
 
+/// Chip select of the bridge's converter.
+#[cfg(feature = "ads1220")]
+pub type BridgeSelectPin = PB7<Output>;
+/// Data ready of the bridge's converter, with pull-up.
+#[cfg(feature = "ads1220")]
+pub type BridgeReadyPin = PC2<Input>;
+
+/// The bridge's converter.
+#[cfg(feature = "ads1220")]
+pub struct BridgeConverterPins {
+    /// SCLK.
+    pub clock: PC10<Alternate<6>>,
+    /// DOUT.
+    pub data_out: PC11<Alternate<6>>,
+    /// DIN.
+    pub data_in: PC12<Alternate<6>>,
+    /// CS.
+    pub select: BridgeSelectPin,
+    /// DRDY.
+    pub ready: BridgeReadyPin,
+}
+
 /// Link TX and RX.
 pub type LinkPins = (PA2, PA3);
 /// User button, with pull-up.
@@ -119,6 +148,14 @@ pub fn pins(ports: Ports, rcc: &mut Rcc) -> Pins {
             select: b.pb12.into_push_pull_output(),
             shutdown: b.pb14.into_push_pull_output(),
             read_back: a.pa4.into_analog(),
+        },
+        #[cfg(feature = "ads1220")]
+        bridge_converter: BridgeConverterPins {
+            clock: c.pc10.into_alternate().speed(Speed::Medium),
+            data_out: c.pc11.into_alternate(),
+            data_in: c.pc12.into_alternate().speed(Speed::Medium),
+            select: b.pb7.into_push_pull_output(),
+            ready: c.pc2.into_pull_up_input(),
         },
         link: (a.pa2, a.pa3),
         button: c.pc13.into_pull_up_input(),

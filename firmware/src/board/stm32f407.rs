@@ -22,7 +22,7 @@ use core::ops::Range;
 use stm32f4xx_hal::gpio::{
     Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PC0, PC1, PC13,
 };
-use stm32f4xx_hal::pac::{PWR, RCC};
+use stm32f4xx_hal::pac::PWR;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::{Config, Rcc};
 
@@ -44,7 +44,7 @@ pub const SYSCLK_HZ: u32 = 144_000_000;
 pub const TIMER_HZ: u32 = SYSCLK_HZ / 2;
 
 /// The clocks. The regulator's scale after a reset allows them.
-pub fn clocks(_: &RCC, _: &PWR) -> Config {
+pub fn clocks(_: &PWR) -> Config {
     Config::hsi().sysclk(SYSCLK_HZ.Hz())
 }
 

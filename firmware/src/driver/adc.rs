@@ -96,7 +96,10 @@ impl Adc {
         // Only the last one, which the DMA replaces just before the next tick: a late tick must
         // not overwrite conversions of the period that has begun.
         CONVERSIONS[SAMPLES - 1].store(NOT_CONVERTED, Relaxed);
-        self.sampler.readings(&conversions)
+        let (bridge, pressure) = self.sampler.readings(&conversions);
+        #[cfg(feature = "ads1220")]
+        let bridge = super::bridge_converter::read(bridge);
+        (bridge, pressure)
     }
 }
 

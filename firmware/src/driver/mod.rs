@@ -3,6 +3,8 @@
 //! sectors come from [`board`].
 
 pub mod adc;
+#[cfg(feature = "ads1220")]
+pub mod bridge_converter;
 pub mod counter;
 pub mod flash;
 pub mod iwdg;
@@ -13,6 +15,8 @@ pub mod tick_timer;
 pub mod dac;
 #[cfg(not(feature = "mcp4922"))]
 pub use dac as valve;
+#[cfg(any(feature = "mcp4922", feature = "ads1220"))]
+pub mod spi_bus;
 #[cfg(feature = "mcp4922")]
 pub mod spi_dac;
 #[cfg(feature = "mcp4922")]
@@ -21,6 +25,8 @@ pub use spi_dac as valve;
 use crate::board::{self, ButtonPin, LampPin, PortPin, Ports, StopPins};
 use crate::{crash, ram};
 use adc::Adc;
+#[cfg(feature = "ads1220")]
+use bridge_converter::BridgeConverter;
 use counter::Counter;
 use flash::Flash;
 use iwdg::Iwdg;
@@ -34,8 +40,9 @@ use rig_drivers::store::Store;
 use rig_drivers::watchdog::Watchdog;
 use serial::Serial;
 use stm32f4xx_hal::dma::StreamsTuple;
-use stm32f4xx_hal::pac::{self, TIM3};
+use stm32f4xx_hal::pac::{self, PWR, RCC, TIM3};
 use stm32f4xx_hal::prelude::*;
+use stm32f4xx_hal::rcc::Rcc;
 use stm32f4xx_hal::timer::{CounterUs, Event, SysDelay};
 use tick_timer::TickTimer;
 use valve::Valve;
@@ -65,7 +72,11 @@ pub struct Devices {
     /// Timer of the link task, running.
     pub link_timer: CounterUs<TIM3>,
     /// Timer of the ticks, stopped.
+    #[cfg(not(feature = "ads1220"))]
     pub tick_timer: TickTimer,
+    /// The bridge's converter, with the timer of the ticks, stopped.
+    #[cfg(feature = "ads1220")]
+    pub bridge_converter: BridgeConverter,
     /// What the start-up self-test has measured.
     pub findings: StartFindings,
     /// SysTick as a delay.
@@ -81,8 +92,7 @@ impl Devices {
         core.DCB.enable_trace();
         core.DWT.enable_cycle_counter();
 
-        let clocks = board::clocks(&device.RCC, &device.PWR);
-        let mut rcc = device.RCC.freeze(clocks);
+        let (mut rcc, regulator) = start_clocks(device.RCC, &device.PWR);
         assert!(rcc.clocks.sysclk().raw() == board::SYSCLK_HZ);
         assert!(rcc.clocks.timclk1().raw() == board::TIMER_HZ);
         assert!(rcc.clocks.pclk1().raw() == board::PCLK1_HZ);
@@ -119,6 +129,7 @@ impl Devices {
             ram,
             stack_free_bytes,
             reference: (adc.start_reference, adc::calibrated_reference()),
+            regulator,
             valve: adc.start_valve,
             valve_limits: valve::READ_BACK,
             brown_out_level: flash.brown_out_level(),
@@ -129,6 +140,7 @@ impl Devices {
         link_timer.listen(Event::Update);
         let started = link_timer.start(board::LINK_PERIOD_MS.millis());
         assert!(started.is_ok());
+        let tick_timer = TickTimer::new(device.TIM2, &mut rcc);
         Devices {
             watchdog,
             store: Store(flash),
@@ -142,8 +154,39 @@ impl Devices {
             lamp: Output(pins.lamp),
             serial,
             link_timer,
-            tick_timer: TickTimer::new(device.TIM2, &mut rcc),
+            #[cfg(not(feature = "ads1220"))]
+            tick_timer,
+            #[cfg(feature = "ads1220")]
+            bridge_converter: BridgeConverter::new(
+                device.SPI3,
+                pins.bridge_converter,
+                tick_timer,
+                &mut rcc,
+            ),
             delay,
         }
     }
+}
+
+/// Reads of the regulator's flag before it counts as missing: more than 4 ms at 72 MHz, if each
+/// takes three cycles.
+const REGULATOR_READS: u32 = 100_000;
+
+/// Starts the clocks; false if the regulator of the core does not report its voltage.
+///
+/// The regulator leaves its lowest voltage only when the PLL is on, and the HAL does not wait for
+/// it. The CPU's clock is therefore halved until then, which the lowest voltage allows: 64 MHz
+/// (F411), 120 MHz (F446). The second time nothing but this divider changes.
+fn start_clocks(rcc: RCC, power: &PWR) -> (Rcc, bool) {
+    rcc.apb1enr().modify(|_, w| w.pwren().set_bit());
+    // A unit takes two cycles to get its clock.
+    cortex_m::asm::dsb();
+    let config = board::clocks(power);
+    let (mut rcc, mut ready) = (rcc.constrain(), false);
+    // A loop, so that the image has this function of the HAL only once.
+    for divider in [2, 1] {
+        rcc = rcc.freeze(config.hclk((board::SYSCLK_HZ / divider).Hz()));
+        ready = (0..REGULATOR_READS).any(|_| power.csr().read().vosrdy().bit_is_set());
+    }
+    (rcc, ready)
 }

@@ -1,59 +1,26 @@
 //! The voltage of the servo valve: an MCP4922 on SPI2, for chips without a DAC.
 
+use super::spi_bus::{self, Bus};
 use crate::board::{self, ValvePins, ValveReadBackPin, ValveSelectPin, ValveShutdownPin};
-use embedded_hal::spi::{ErrorType, SpiBus};
 use model_core::signal::DacCount;
 use rig_drivers::mcp4922::{CLOCK_HZ_MAX, MODE, Mcp4922};
 use rig_drivers::valve::AnalogOutput;
 use stm32f4xx_hal::pac::SPI2;
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::Rcc;
-use stm32f4xx_hal::spi::{self, Spi};
 
 /// What may be read back.
 pub use rig_drivers::mcp4922::READ_BACK;
 /// The unit of the chip behind the valve's voltage.
 pub use stm32f4xx_hal::pac::SPI2 as Unit;
 
-/// The bus, whose `flush` waits for the last bit: that of the HAL does nothing, and CS would rise
-/// when the last bit is sampled, half a clock too early.
-struct Bus(Spi<SPI2>);
-
-impl ErrorType for Bus {
-    type Error = spi::Error;
-}
-
-impl SpiBus for Bus {
-    fn read(&mut self, words: &mut [u8]) -> Result<(), spi::Error> {
-        self.0.read(words)
-    }
-    fn write(&mut self, words: &[u8]) -> Result<(), spi::Error> {
-        self.0.write(words)
-    }
-    fn transfer(&mut self, read: &mut [u8], write: &[u8]) -> Result<(), spi::Error> {
-        self.0.transfer(read, write)
-    }
-    fn transfer_in_place(&mut self, words: &mut [u8]) -> Result<(), spi::Error> {
-        self.0.transfer_in_place(words)
-    }
-    fn flush(&mut self) -> Result<(), spi::Error> {
-        while self.0.is_busy() {}
-        Ok(())
-    }
-}
-
 /// SPI clock \[Hz\]: a word takes 2.7 µs, and the wires may be long.
 const CLOCK_HZ: u32 = 6_000_000;
-const _: () = {
-    assert!(CLOCK_HZ <= CLOCK_HZ_MAX);
-    // The HAL would take the next divider below, which is a faster clock.
-    let divider = board::PCLK1_HZ / CLOCK_HZ;
-    assert!(divider * CLOCK_HZ == board::PCLK1_HZ && divider.is_power_of_two());
-};
+const _: () = assert!(CLOCK_HZ <= CLOCK_HZ_MAX && spi_bus::divides_to(CLOCK_HZ));
 
 /// The valve output.
 pub struct Valve {
-    converter: Mcp4922<Bus, ValveSelectPin, ValveShutdownPin>,
+    converter: Mcp4922<Bus<SPI2>, ValveSelectPin, ValveShutdownPin>,
     /// The output's wire to a channel of the chip's converter.
     pub read_back: ValveReadBackPin,
 }

@@ -2,9 +2,9 @@
 
 use crate::bench::instruments::valve_reference;
 use crate::bench::tick::TICK_S;
-use crate::output::NotWritten;
+use crate::output::{NotWritten, write_atomically};
 use crate::record::columns::{COLUMNS, Cell, Row};
-use crate::record::mcap::{McapWriter, Origin};
+use crate::record::mcap::{self, McapWriter, Origin};
 use model_core::link::{Source, Telemetry};
 use model_core::settings::Settings;
 use std::fs::File;
@@ -27,8 +27,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates the files `path` and, with the extension `.mcap`, another one beside it, which says
-    /// where the record comes from.
+    /// Creates the files `path` and beside it, with the extension `.mcap`, another one, which says
+    /// where the record comes from, and with `.layout.json` the panels with which viewers show it.
     ///
     /// # Errors
     /// A file cannot be written.
@@ -45,6 +45,8 @@ impl Recorder {
             mcap: McapWriter::create(&path.with_extension("mcap"), origin)?,
         };
         recorder.flush()?;
+        let layout = format!("{:#}\n", mcap::layout());
+        write_atomically(&path.with_extension("layout.json"), layout.as_bytes())?;
         Ok(recorder)
     }
 

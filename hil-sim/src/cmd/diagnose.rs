@@ -4,12 +4,12 @@ use super::Failure;
 use super::Progress;
 use hil_sim::error::{BadInput, one_of};
 use hil_sim::identify::diagnosis::diagnose;
-use hil_sim::identify::provenance::{Input, with_provenance};
+use hil_sim::identify::provenance::{file_hash, provenance};
 use hil_sim::identify::report;
-use hil_sim::output::{NotWritten, same_file, write_atomically};
+use hil_sim::output::{NotWritten, same_file, utc, write_atomically, written_at};
 use hil_sim::record::Record;
 use hil_sim::record::check::check;
-use hil_sim::rig::Rig;
+use hil_sim::rig::{FileHash, Rig};
 use model_discrepancy::verdict::Step;
 use muscle_plant::effects::Catalogue;
 use std::path::{Path, PathBuf};
@@ -60,13 +60,13 @@ fn effect(name: &str) -> Result<String, String> {
 }
 
 /// The records at `paths`, and what the fitted rig says of their files.
-fn read(paths: &[PathBuf], rig: &Rig) -> Result<(Vec<Record>, Vec<Input>), BadInput> {
+fn read(paths: &[PathBuf], rig: &Rig) -> Result<(Vec<Record>, Vec<FileHash>), BadInput> {
     let read = paths.iter().map(|path| {
         // Once: a pipe cannot be read again.
         let bytes = Record::read_bytes(path)?;
         let record = Record::parse(&path.display().to_string(), &bytes)?;
         super::check_record(&record, Some(rig))?;
-        Ok((record, Input::new(path, &bytes)))
+        Ok((record, file_hash(path, &bytes)))
     });
     read.collect()
 }
@@ -110,19 +110,27 @@ fn check_tolerances(rig: &Rig, args: &Args) -> Result<(), BadInput> {
     }
 }
 
+/// Checks that no record is fitted and validated with.
+fn check_apart(args: &Args) -> Result<(), BadInput> {
+    let is_fitted = |path: &&PathBuf| args.fit.iter().any(|fitted| same_file(fitted, path));
+    match args.validate.iter().find(is_fitted) {
+        Some(path) => {
+            let file = path.display().to_string();
+            Err(BadInput::file(file, "a record that is not fitted too"))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let date = utc(written_at()?);
     let text = Rig::read_text(&args.rig)?;
     let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
     super::accepted(rig.check_units())?;
     let (fit, fit_inputs) = read(&args.fit, &rig)?;
     let (validate, validate_inputs) = read(&args.validate, &rig)?;
-    for path in &args.validate {
-        if args.fit.iter().any(|fitted| same_file(fitted, path)) {
-            let file = path.display().to_string();
-            return Err(BadInput::file(file, "a record that is not fitted too").into());
-        }
-    }
+    check_apart(args)?;
     check_tolerances(&rig, args)?;
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
@@ -156,12 +164,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .warnings
         .extend(in_doubt(&rig, fit.iter().chain(&validate)));
     let rewritten = diagnosed.fitted.rewritten(&text);
-    let rewritten = with_provenance(
-        &rewritten.map_err(|error| rig.bad_file(&error.to_string()))?,
-        diagnosed.diagnosis.verdict,
-        Input::new(&args.rig, text.as_bytes()),
+    let provenance = provenance(
+        &diagnosed.diagnosis,
+        date,
+        file_hash(&args.rig, text.as_bytes()),
         [fit_inputs, validate_inputs],
     );
+    let rewritten = rewritten
+        .and_then(|rewritten| provenance.around(&rewritten))
+        .map_err(|error| rig.bad_file(&error.to_string()))?;
     let json = serde_json::to_string_pretty(&diagnosed.diagnosis)
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;

@@ -10,7 +10,7 @@ use hil_sim::faults::kind::{KINDS, Kind, LimitedBy};
 use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::report::{AblationSummary, Summary, report, report_ablation, report_case};
 use hil_sim::faults::{Case, Hardware};
-use hil_sim::output::write_atomically;
+use hil_sim::output::{write_atomically, written_at};
 use hil_sim::record::mcap::Origin;
 use rayon::prelude::*;
 
@@ -131,6 +131,7 @@ fn run_one(args: &Args, number: u64) -> Result<bool, Failure> {
     let origin = Origin {
         rig: Some(format!("{REFERENCE_RIG}, fault of case {number}")),
         seed: Some(args.seed),
+        started: written_at()?,
     };
     let mut recorder = Recorder::create(&path, &origin)?;
     let mut written = Ok(());

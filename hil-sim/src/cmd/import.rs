@@ -7,23 +7,24 @@ use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::report::{Report, Section, Table};
 use std::path::PathBuf;
 
-/// Convert a CSV, MATLAB or HDF5 file with other names and units into a record
+/// Convert a CSV, xlsx, MATLAB, HDF5 or MCAP file with other names and units into a record
 ///
-/// The mapping file assigns the columns and their units. Prints the number of rows, the
-/// conversions, the ranges, and times that do not increase.
+/// The mapping file assigns the columns and their units; a file with a record's names needs none.
+/// Prints the number of rows, the conversions, the ranges, and times that do not increase.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   hil-sim import --example > map.toml
   hil-sim import bench.txt --map map.toml --out bench.csv
   hil-sim import bench.mat --map map.toml --out bench.csv --json
+  hil-sim import assist.mcap --out assist.csv
   hil-sim import bar.csv --unit pressure_pa=bar --unit contraction=1,scale=-1 --out si.csv")]
 pub struct Args {
-    /// The file to convert: CSV, MATLAB's .mat, or HDF5
+    /// The file to convert: CSV, xlsx, MATLAB's .mat, HDF5, or MCAP with JSON or ROS 2's messages
     #[arg(value_name = "FILE", required_unless_present = "example")]
     file: Option<PathBuf>,
     /// The mapping file
-    #[arg(long, value_name = "MAP.toml", required_unless_present_any = ["example", "unit"])]
+    #[arg(long, value_name = "MAP.toml")]
     map: Option<PathBuf>,
     /// Of a file whose columns already have a record's names: the unit of one of them, and what its
     /// cells are multiplied by and what is added; may be given more than once
@@ -46,7 +47,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    // clap requires both without --example, and a mapping or units.
+    // clap requires both without --example.
     let (Some(file), Some(out)) = (&args.file, &args.out) else {
         super::print(Map::EXAMPLE_TOML)?;
         return Ok(());
@@ -59,17 +60,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let name = file.display().to_string();
     let bytes = std::fs::read(file)
         .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
-    let map = match map {
-        Some(map) => map,
-        None => Map::of_record(&name, &bytes, &args.unit)?,
-    };
-    #[cfg(all(unix, feature = "matlab"))]
-    if hil_sim::record::import::is_hdf5(&bytes) {
+    #[cfg(all(unix, feature = "formats"))]
+    if hil_sim::record::import::is_read_by_crates(&bytes) {
         if bounded::is_parent() {
             return bounded::run(&name, bytes.len());
         }
         bounded::limit(bytes.len() as u64);
     }
+    let map = match map {
+        Some(map) => map,
+        None => Map::of_record(&name, &bytes, &args.unit)?,
+    };
     let imported = map.import(&name, &bytes)?;
     imported.record.write(out)?;
     if args.json {
@@ -82,8 +83,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// The import in a child process whose memory and time are limited.
 ///
-/// A crate reads HDF5. What it allocates for a damaged file is not in this program's hands.
-#[cfg(all(unix, feature = "matlab"))]
+/// Crates read HDF5, xlsx and MCAP. What they allocate for a damaged file is not in this program's
+/// hands.
+#[cfg(all(unix, feature = "formats"))]
 mod bounded {
     use super::{BadInput, Failure};
     use rustix::process::{Resource, Rlimit, setrlimit};
@@ -98,6 +100,9 @@ mod bounded {
     /// The same of processor time \[s\].
     const TIME_S: u64 = 2;
     const BYTES_PER_S: u64 = 2_000_000;
+
+    /// The exit status after bad input.
+    const BAD_INPUT: i32 = 2;
 
     pub fn is_parent() -> bool {
         std::env::var_os(CHILD).is_none()
@@ -133,19 +138,23 @@ mod bounded {
         });
         let child = child
             .map_err(|error| BadInput::file(file, format!("a process to read it in, {error}")))?;
-        let Some(status) = child.status.code() else {
-            let expected = format!(
-                "an HDF5 file that can be read within {} MB, found none: it is damaged, or made to \
-                 hurt",
-                (MEMORY_BYTES + file_bytes as u64 * MEMORY_PER_BYTE) / 1_000_000
-            );
-            return Err(BadInput::file(file, expected).into());
-        };
+        match child.status.code() {
+            // After bad input it has said why, in one line.
+            Some(0 | BAD_INPUT) => {}
+            // A signal, or a panic.
+            _ => {
+                let expected = format!(
+                    "a file that can be read within {} MB, found none: it is damaged, or made to \
+                     hurt",
+                    (MEMORY_BYTES + file_bytes as u64 * MEMORY_PER_BYTE) / 1_000_000
+                );
+                return Err(BadInput::file(file, expected).into());
+            }
+        }
         eprint!("{}", String::from_utf8_lossy(&child.stderr));
-        match status {
-            0 => Ok(()),
-            // It has said why.
-            status => std::process::exit(status),
+        match child.status.code() {
+            Some(0) => Ok(()),
+            status => std::process::exit(status.unwrap_or(BAD_INPUT)),
         }
     }
 }
@@ -158,6 +167,7 @@ fn report(title: String, summary: &Summary) -> Report {
         ),
         format!("Time from {}.", summary.time),
     ];
+    verdict.extend(summary.notes.iter().cloned());
     if let Some(encoding) = summary.encoding {
         verdict.push(format!("It is not UTF-8: read as {encoding}."));
     }

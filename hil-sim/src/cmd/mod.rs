@@ -3,6 +3,7 @@
 pub mod board;
 pub mod check;
 pub mod commission;
+pub mod compare;
 pub mod compensate;
 pub mod completions;
 pub mod design;

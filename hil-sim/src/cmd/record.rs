@@ -12,7 +12,7 @@ use hil_sim::bench::port::client::{LinkCounts, LinkError};
 use hil_sim::bench::recorder::{Recorder, Timeline};
 use hil_sim::bench::view::View;
 use hil_sim::error::BadInput;
-use hil_sim::output::same_file;
+use hil_sim::output::{same_file, written_at};
 use hil_sim::record::columns::Row;
 use hil_sim::record::mcap::Origin;
 use model_core::device::Command;
@@ -155,7 +155,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => valid(&board.port, Settings::new(values))?,
         Some(player) => allowed(args, &board.port, player, values)?,
     };
-    let mut recorder = Recorder::create(&args.out, &Origin::default())?;
+    let origin = Origin {
+        started: written_at()?,
+        ..Origin::default()
+    };
+    let mut recorder = Recorder::create(&args.out, &origin)?;
     #[cfg(feature = "terminal")]
     super::interrupt::last_words(player.as_ref().map(|_| LAST_WORDS));
     if *settings.values() != values {
@@ -335,6 +339,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let origin = Origin {
         rig: Some(path.display().to_string()),
         seed: Some(experiment.seed),
+        started: written_at()?,
     };
     let recorder = Recorder::create(&args.out, &origin)?;
     let (ticks, report) = hil::run(&mut board.line, "experiment", &job, recorder, &view)?;

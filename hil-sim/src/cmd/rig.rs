@@ -8,7 +8,7 @@ use hil_sim::datasheet::valve::ValveSheet;
 use hil_sim::datasheet::volume::{self, Braid};
 use hil_sim::error::BadInput;
 use hil_sim::output::{same_file, write_atomically};
-use hil_sim::rig::{Rig, default_tolerances};
+use hil_sim::rig::{Provenance, Rig, default_tolerances};
 use std::path::{Path, PathBuf};
 
 /// Create and check rig files
@@ -186,6 +186,23 @@ fn new(args: &New) -> Result<(), Failure> {
 struct Checked<'a> {
     path: &'a Path,
     effects: Vec<&'static str>,
+    provenance: Option<&'a Provenance>,
+}
+
+/// Where a fitted rig comes from, as the end of a sentence; empty for one that was not fitted.
+fn fitted(rig: &Rig) -> String {
+    let words = rig.provenance.as_ref().map(|from| {
+        format!(
+            ", fitted on {} by {} {} ({}) to {} records and validated with {}",
+            from.date,
+            from.tool,
+            from.version,
+            from.verdict,
+            from.count("fit"),
+            from.count("validate")
+        )
+    });
+    words.unwrap_or_default()
 }
 
 /// Runs the command.
@@ -207,11 +224,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             if *json {
                 let effects = rig.effects.iter().map(|effect| effect.kind.name);
                 let effects = effects.collect();
-                super::print_json(&Checked { path, effects })?;
+                let provenance = rig.provenance.as_ref();
+                super::print_json(&Checked {
+                    path,
+                    effects,
+                    provenance,
+                })?;
                 return Ok(());
             }
             let effects = rig.effects.len();
-            super::print(&format!("{}: a rig, {effects} effects\n", path.display()))?;
+            let (path, fitted) = (path.display(), fitted(&rig));
+            let plural = if effects == 1 { "" } else { "s" };
+            super::print(&format!(
+                "{path}: a rig, {effects} effect{plural}{fitted}\n"
+            ))?;
         }
     }
     Ok(())

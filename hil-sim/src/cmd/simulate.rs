@@ -54,7 +54,10 @@ fn check_outputs(args: &Args) -> Result<(), BadInput> {
             return bad(output, "an output that is not an input too");
         }
         let folder = output.parent().unwrap_or(output);
-        if output.is_dir() || !(folder.as_os_str().is_empty() || folder.is_dir()) {
+        if output.is_dir() {
+            return bad(output, "a file, found a folder");
+        }
+        if !(folder.as_os_str().is_empty() || folder.is_dir()) {
             return bad(output, "a file in a folder that is there");
         }
     }

@@ -61,6 +61,8 @@ pub struct Played {
     pub fault: Option<Fault>,
     /// The board began to play.
     pub begun: bool,
+    /// The course came to its end.
+    pub finished: bool,
 }
 
 /// `values` with the limits that hold on a supply of `supply_pa`.
@@ -194,7 +196,10 @@ fn play_on<P: Transport>(
                 played.begun = true;
                 match course.next(&tick) {
                     Next::To(pa) => request(client, Request::Play(pa.max(0.0).round() as u32))?,
-                    Next::Vent => request(client, Request::Vent)?,
+                    Next::Vent => {
+                        played.finished = true;
+                        request(client, Request::Vent)?;
+                    }
                 }
             }
             Mode::Venting => {

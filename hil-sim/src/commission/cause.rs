@@ -69,6 +69,8 @@ pub enum Cause {
     Board(Fault),
     /// The board refuses the measured settings, or did not begin to play.
     Refused,
+    /// The board has ended a play that was not over, without a fault.
+    Interrupted,
     /// The bridge reads an end of its scale.
     BridgeOpen,
     /// The pressure sensor reads the lower end of its scale.
@@ -150,6 +152,9 @@ impl Cause {
             Cause::StartTest(_) => "the board itself, by its start-up self-test",
             Cause::Board(_) => "what the board's fault says",
             Cause::Refused => "the measured values: the board does not begin with them",
+            Cause::Interrupted => {
+                "the link: silent for half a second (cable, or a busy PC); or the board's button"
+            }
             Cause::BridgeOpen => "a loose wire of the strain bridge, or its supply",
             Cause::PressureOpen => "a loose wire of the pressure sensor, or its supply",
             Cause::PressureHigh => "a 4–20 mA sensor at a voltage input, or a short to the supply",
@@ -201,6 +206,9 @@ impl Cause {
             Cause::StartTest(fault) => fault.help(),
             Cause::Board(_) => "see docs/wiring.md, «Status lamp», for what to look at",
             Cause::Refused => "repeat the steps before",
+            Cause::Interrupted => {
+                "check the cable, close other programs, leave the button; repeat this step"
+            }
             Cause::BridgeOpen | Cause::BridgeSilent => {
                 "measure 1.65 V at A5, 5 V at the bridge; check its four wires"
             }

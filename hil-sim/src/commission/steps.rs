@@ -296,7 +296,7 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
         Ok((seen, values, self.measured.clone()))
     }
 
-    /// Plays if the board accepts the settings; the fault or refusal as a cause.
+    /// Plays if the board accepts the settings; none if it refuses, or the play was interrupted.
     fn play_checked(
         &mut self,
         seen: &mut Seen,
@@ -313,6 +313,12 @@ impl<P: Transport, W: Person> Session<'_, P, W> {
             .fault
             .map_or("none".into(), |fault| fault.to_string());
         seen.row("fault", end, "none".into());
+        // A part of a play looks like a weight that does not lift.
+        if played.begun && !played.finished && played.fault.is_none() {
+            seen.row("play", "interrupted".into(), "to its end".into());
+            seen.add(Some(Cause::Interrupted));
+            return Ok(None);
+        }
         Ok(Some(played))
     }
 

@@ -3,6 +3,7 @@
 use super::fit::{fit, groups};
 use super::table::{self, Quantity};
 use crate::error::BadInput;
+use crate::plausible::PRESSURE_IDLE_PA;
 use crate::record::units::{FORCE, PRESSURE, RATIO};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
@@ -94,6 +95,13 @@ fn fitted(points: Vec<Point>, initial_length_m: f64) -> Result<MuscleFit, String
                 points.len()
             )
         })?;
+    let highest_pa = points.iter().fold(0.0_f64, |pa, at| pa.max(at.pressure_pa));
+    if highest_pa < PRESSURE_IDLE_PA {
+        return Err(format!(
+            "pressures of a muscle, found none above {highest_pa:.3} Pa: is the column in bar, kPa \
+             or MPa? Its name has the unit, as `pressure_bar`"
+        ));
+    }
     let [alpha_m2, beta_m2, gamma_n] = fit.values;
     if alpha_m2 <= 0.0 || alpha_m2 + beta_m2 <= 0.0 {
         return Err(format!(
@@ -275,6 +283,28 @@ mod tests {
             let ratio = (stated / scatter).sqrt();
             assert!(ratio < 2.0, "{ratio}");
         }
+    }
+
+    #[test]
+    fn pressures_in_another_unit_than_the_column_says_are_refused() {
+        let at = |(contraction, pressure_pa, force_n)| Point {
+            contraction,
+            pressure_pa,
+            force_n,
+        };
+        // In bar.
+        let points = [
+            (0.0, 1.0, 55.0),
+            (0.0, 2.0, 294.0),
+            (0.1, 2.0, 150.0),
+            (0.1, 3.0, 320.0),
+            (0.2, 3.0, 200.0),
+        ];
+        let error = fitted(points.map(at).to_vec(), 0.3).expect_err("no muscle");
+        assert!(
+            error.contains("none above 3.000 Pa: is the column in bar"),
+            "{error}"
+        );
     }
 
     #[test]

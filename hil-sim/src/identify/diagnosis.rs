@@ -19,6 +19,7 @@ use muscle_plant::nominal::Gas;
 use muscle_plant::simulation::TOLERANCE;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
@@ -75,13 +76,53 @@ pub struct GapOf {
     pub after: f64,
     /// The sensor's noise.
     pub noise: f64,
+    /// Share of the gap above the noise that the fitted rig removes, negative if it adds to it;
+    /// none if the nominal rig's gap is hardly above the noise.
+    pub removed: Option<f64>,
 }
 
 impl GapOf {
+    /// The gaps with the nominal and with the fitted rig, beside the noise.
+    pub fn new([before, after, noise]: [f64; 3]) -> GapOf {
+        let above = |gap: f64| (gap * gap - noise * noise).max(0.0).sqrt();
+        let seen = before > SEEN_ABOVE_NOISE * noise;
+        GapOf {
+            before,
+            after,
+            noise,
+            removed: seen.then(|| 1.0 - above(after) / above(before)),
+        }
+    }
+
     /// Whether the fitted rig misses the signal by more than its noise.
     fn remains(&self) -> bool {
         self.after > ABOVE_NOISE * self.noise
     }
+
+    /// Whether the fitted rig misses the signal by more than the nominal one and than the noise.
+    pub fn is_worse(&self) -> bool {
+        self.remains() && self.after > self.before
+    }
+
+    /// Orders gaps, the worst first: signals that got worse, by how much; then those of which least
+    /// is removed; then those that were within their noise.
+    fn worst_first(&self, other: &GapOf) -> Ordering {
+        let worse = |gap: &GapOf| {
+            let times = gap.after / gap.before.max(gap.noise);
+            if gap.is_worse() { times } else { 0.0 }
+        };
+        let removed = |gap: &GapOf| gap.removed.unwrap_or(f64::INFINITY);
+        let by_worse = worse(other).total_cmp(&worse(self));
+        by_worse.then(removed(self).total_cmp(&removed(other)))
+    }
+}
+
+/// Writes gaps by signal as a JSON object in their order.
+fn as_object<S: serde::Serializer>(
+    gaps: &[(&'static str, GapOf)],
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(gaps.iter().copied())
 }
 
 /// What no effect explains.
@@ -134,14 +175,13 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// What is missing from the nominal model.
     pub effects: Vec<Named>,
-    /// By signal.
-    pub gap: BTreeMap<&'static str, GapOf>,
+    /// By signal, the worst first.
+    #[serde(serialize_with = "as_object")]
+    pub gap: Vec<(&'static str, GapOf)>,
     /// What is left.
     pub remaining: Remaining,
     /// The experiment that would tell more.
     pub next_experiment: String,
-    /// Share of what residuals have above their noise that the best set of effects explains.
-    pub share: f64,
     /// Nominal values that were calibrated.
     pub calibrated: Vec<Calibrated>,
     /// Block by block.
@@ -152,6 +192,14 @@ pub struct Diagnosis {
     pub warnings: Vec<String>,
     /// Where the time went.
     pub stages: Vec<Stage>,
+}
+
+impl Diagnosis {
+    /// The gap of a signal, if it is compared.
+    pub fn gap_of(&self, signal: &str) -> Option<&GapOf> {
+        let mut gaps = self.gap.iter();
+        gaps.find(|(name, _)| *name == signal).map(|(_, gap)| gap)
+    }
 }
 
 /// A diagnosis with what belongs to it.
@@ -171,6 +219,8 @@ const LISTED: usize = 25;
 const FAR: f64 = 4.0;
 /// A gap above this multiple of the noise is more than noise, whose estimate is less uncertain.
 const ABOVE_NOISE: f64 = 1.1;
+/// Of a gap below this multiple of the noise one cannot say which share is removed.
+const SEEN_ABOVE_NOISE: f64 = 1.2;
 
 /// Keeps the time.
 struct Clock {
@@ -243,7 +293,8 @@ pub fn diagnose(
     let chosen = choice.taken();
     let estimated = engine.estimated(chosen);
     let taken = estimated.as_ref().unwrap_or(chosen);
-    let fitted = model.fitted(&taken.fit.nominal, &taken.fit.effects);
+    let nominal = model.refined(&taken.fit.nominal, &taken.fit.effects);
+    let fitted = model.fitted(&nominal, &taken.fit.effects);
     let effects = named(&engine, &choice, taken);
     clock.lap("intervals");
     let free_run = |record: &Record| {
@@ -266,7 +317,7 @@ pub fn diagnose(
     } else {
         of_left.map(|(_, block)| when(&block.profiles[1])).collect()
     };
-    let calibrated = model.calibrated(&taken.fit.nominal);
+    let calibrated = model.calibrated(&nominal);
     let gap = gaps(&model, rig, validate, &free_runs);
     let mut warnings = warnings(&model, &choice, &calibrated);
     warnings.extend(predictions(&gap, choice.verdict));
@@ -285,7 +336,6 @@ pub fn diagnose(
                 .collect(),
             when: words.join("; "),
         },
-        share: choice.share,
         calibrated,
         blocks,
         tried: tried(&model, &choice.tried),
@@ -323,9 +373,9 @@ fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> 
 /// Of signals that the fitted rig may predict worse than the nominal one: those that it does on
 /// the validation records, and those of which something is left without a name, as values
 /// calibrated in place of an unknown effect hold for the records that they were fitted to.
-fn predictions(gap: &BTreeMap<&'static str, GapOf>, verdict: Verdict) -> Vec<String> {
+fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
     let remaining = gap.iter().filter(|(_, gap)| gap.remains());
-    let (worse, rest): (Vec<_>, Vec<_>) = remaining.partition(|(_, gap)| gap.after > gap.before);
+    let (worse, rest): (Vec<_>, Vec<_>) = remaining.partition(|(_, gap)| gap.is_worse());
     let mut warnings: Vec<String> = worse
         .iter()
         .map(|(signal, gap)| {
@@ -338,7 +388,7 @@ fn predictions(gap: &BTreeMap<&'static str, GapOf>, verdict: Verdict) -> Vec<Str
         })
         .collect();
     if verdict == Verdict::Unexplained && !rest.is_empty() {
-        let signals: Vec<&str> = rest.iter().map(|(signal, _)| **signal).collect();
+        let signals: Vec<&str> = rest.iter().map(|(signal, _)| *signal).collect();
         warnings.push(format!(
             "{}: what is left has no name, so the calibrated values may predict other records \
              worse than the nominal ones",
@@ -462,7 +512,7 @@ fn gaps(
     rig: &Rig,
     validate: &[Record],
     free_runs: &[[Record; 2]],
-) -> BTreeMap<&'static str, GapOf> {
+) -> Vec<(&'static str, GapOf)> {
     let mut sums: BTreeMap<&'static str, ([f64; 3], f64)> = BTreeMap::new();
     let noise = model.noise();
     let noise = &noise[noise.len() - validate.len()..];
@@ -479,18 +529,15 @@ fn gaps(
             *samples += size;
         }
     }
-    let rms = |(signal, (squares, samples)): (&'static str, ([f64; 3], f64))| {
-        let [before, after, noise] = squares.map(|sum| (sum / samples).sqrt());
+    let gap_of = |(signal, (squares, samples)): (&'static str, ([f64; 3], f64))| {
         (
             signal,
-            GapOf {
-                before,
-                after,
-                noise,
-            },
+            GapOf::new(squares.map(|sum| (sum / samples).sqrt())),
         )
     };
-    sums.into_iter().map(rms).collect()
+    let mut gaps: Vec<_> = sums.into_iter().map(gap_of).collect();
+    gaps.sort_by(|(_, one), (_, other)| one.worst_first(other));
+    gaps
 }
 
 /// The experiment that would tell what the records leave open.
@@ -520,5 +567,38 @@ fn next_experiment(model: &MuscleModel, choice: &Choice, effects: &[Named]) -> S
         _ => "Repeat one record unchanged: what comes back at the same place belongs to the rig, \
               what does not is a disturbance. Then hold the pressure where the gap is largest."
             .into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_worst_gap_is_first() {
+        let noise = 1.0;
+        let gap = |before, after| GapOf::new([before, after, noise]);
+        let worst_first = [
+            gap(10.0, 30.0),
+            gap(1.0, 2.0),
+            gap(10.0, 9.0),
+            gap(10.0, 5.0),
+            gap(10.0, 1.0),
+            gap(1.1, 1.0),
+        ];
+        let mut sorted = worst_first;
+        sorted.reverse();
+        sorted.sort_by(GapOf::worst_first);
+        let after = |gaps: [GapOf; 6]| gaps.map(|gap| (gap.before, gap.after));
+        assert_eq!(after(sorted), after(worst_first));
+        assert_eq!(
+            worst_first.map(|gap| gap.is_worse())[..3],
+            [true, true, false]
+        );
+        // Of what is above the noise: √(10² − 1) before, √(5² − 1) after.
+        let removed = worst_first[3].removed.expect("a share");
+        assert!((removed - (1.0 - (24.0_f64 / 99.0).sqrt())).abs() < 1e-12);
+        assert_eq!(worst_first[4].removed, Some(1.0));
+        assert_eq!(worst_first[5].removed, None, "within the noise");
     }
 }

@@ -5,8 +5,11 @@ use crate::report::{Axis, Plot, Report, Role, Section, Series, Table};
 use muscle_plant::simulation::Simulated;
 use serde::Serialize;
 
-/// The signals that are compared: column, name, unit in reports, factor from the SI value to it.
-pub(crate) const SIGNALS: [(&str, &str, &str, f64); 3] = [
+/// A signal that is compared: column, name, unit in reports, factor from the SI value to it.
+pub(crate) type Signal = (&'static str, &'static str, &'static str, f64);
+
+/// The signals that are compared.
+pub(crate) const SIGNALS: [Signal; 3] = [
     (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
     (CONTRACTION, "contraction", "%", 100.0),
     (FORCE_N, "force", "N", 1.0),

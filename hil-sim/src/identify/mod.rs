@@ -1,6 +1,7 @@
 //! The muscle as a model of the estimator: simulations of records, residuals of its subsystems, and
 //! the diagnosis of what is missing.
 
+pub mod compare;
 pub mod diagnosis;
 pub mod gap;
 pub mod hypotheses;

@@ -25,10 +25,10 @@ use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Rig, Tolerance};
 use begin::{UNKNOWNS, begun_best, without};
-use force::{Force, Forces};
+use force::{Force, ForceRange, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use model_discrepancy::evidence::Blocks;
-use model_discrepancy::least_squares::Residuals;
+use model_discrepancy::least_squares::{Residuals, loss};
 use model_discrepancy::verdict::NOISE_ONLY;
 use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement};
 use muscle_plant::nominal::Load;
@@ -51,6 +51,13 @@ const LEAST_SHARE: f64 = 0.05;
 /// what a bench repeats, from few runs (as many as a block may be above its noise).
 const DOUBT_OF_NOISE: f64 = 0.02;
 const DOUBT_OF_REPEATABILITY: f64 = NOISE_ONLY - 1.0;
+
+/// The nominal value that is refined on simulations.
+const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
+/// Steps to either side, and their sizes in standard deviations of the tolerance, in which it is
+/// refined: first within three of the nominal value, then as fine as it is known.
+const REFINING_REACH: i32 = 6;
+const REFINING_STEPS: [f64; 2] = [0.5, 0.1];
 
 const GAS: &str = "gas";
 const FORCE: &str = "force";
@@ -236,6 +243,53 @@ impl MuscleModel {
             }
         }
         rig
+    }
+
+    /// `nominal` with static friction refined on simulations of the fitted records: a dead zone
+    /// that is too wide has no residuals, so that they hardly bound it from above, but where the
+    /// weight stops in a simulation does.
+    pub fn refined(&self, nominal: &[f64], effects: &[Active]) -> Vec<f64> {
+        let mut refined = nominal.to_vec();
+        let is_static = |t: &Tolerance| (&t.section[..], &t.key[..]) == STATIC_FRICTION;
+        let place = self.rig.tolerances.iter().position(is_static);
+        let load = self.blocks.iter().position(|block| *block == LOAD);
+        let (Some(place), Some(load)) = (place, load) else {
+            return refined;
+        };
+        let cost = |deviation: f64| {
+            let mut nominal = nominal.to_vec();
+            nominal[place] = deviation;
+            if !self.above_coulomb(&nominal) {
+                return None;
+            }
+            let of_record = |record| {
+                let residuals = self.residuals(record, load, &nominal, effects)?.edged();
+                let outside: f64 = residuals.outside().map(loss).sum();
+                Some(outside + self.free_run(record, &nominal, effects)?)
+            };
+            let cost = (0..self.fitted).map(of_record).sum::<Option<f64>>()?;
+            Some(0.5 * deviation * deviation + cost)
+        };
+        for (middle, step) in [(Some(0.0), REFINING_STEPS[0]), (None, REFINING_STEPS[1])] {
+            let best = refined[place];
+            let middle = middle.unwrap_or(best);
+            let around = (-REFINING_REACH..=REFINING_REACH).map(f64::from);
+            let mut deviations: Vec<f64> = around.map(|n| middle + n * step).collect();
+            deviations.push(best);
+            let costs = deviations.into_par_iter();
+            let costs: Vec<(f64, f64)> = costs.filter_map(|at| Some((at, cost(at)?))).collect();
+            let least = costs.iter().min_by(|a, b| a.1.total_cmp(&b.1));
+            refined[place] = least.map_or(best, |(at, _)| *at);
+        }
+        refined
+    }
+
+    /// Whether the rig that `nominal` makes has a static friction not below the Coulomb friction.
+    fn above_coulomb(&self, nominal: &[f64]) -> bool {
+        match self.fitted(nominal, []).nominal.load {
+            Load::Weight(weight) => weight.static_friction_n >= weight.coulomb_friction_n,
+            Load::Prescribed => false,
+        }
     }
 
     /// The nominal values that `nominal` moves.
@@ -456,12 +510,12 @@ impl Model for MuscleModel {
                     Some(_) => Vec::new(),
                     None => record.zeros_of_force(&self.rig),
                 };
-                begun_best(&forces, &fading, zeros, |forces_n| {
-                    force_residuals(record, forces_n)
+                begun_best(&forces, &fading, zeros, |forces| {
+                    force_residuals(record, forces)
                 })
             }
             _ => {
-                let balances = |forces_n: &[(f64, f64)]| balances(record, &rig, forces_n);
+                let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
                 let zeros = record.zeros_of_balances(&self.rig, force_read);
                 let mut residuals = if force_read {
@@ -476,5 +530,51 @@ impl Model for MuscleModel {
                 Some(residuals)
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64;
+    use rand_pcg::rand_core::SeedableRng;
+
+    /// A static friction of 12 N that dead zones alone have widened to 16 N. The steps of the
+    /// reference change the muscle's force by about 4 N each, so that the weight stops where
+    /// friction lets it.
+    #[test]
+    fn static_friction_that_is_too_large_is_refined_on_simulations() {
+        let text =
+            Rig::REFERENCE_TOML.replace("static_friction_n = 7.0", "static_friction_n = 12.0");
+        let text = text + "\n[tolerance.load]\nstatic_friction_n = 0.2\n";
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let time_s: Vec<f64> = (0..2400).map(|row| f64::from(row) * 0.01).collect();
+        let steps = |time_s: &f64| {
+            let phase = (time_s / 0.4).floor() % 40.0;
+            3e5 + 2e3 * if phase < 20.0 { phase } else { 40.0 - phase }
+        };
+        let mut drive = Record::new(time_s.clone());
+        drive.set(PRESSURE_REF_PA, time_s.iter().map(steps).collect());
+        let first = |value: f64| {
+            let rows = (0..time_s.len()).map(|row| if row == 0 { value } else { f64::NAN });
+            rows.collect()
+        };
+        drive.set(PRESSURE_PA, first(3e5));
+        drive.set(CONTRACTION, first(0.1));
+        let clean = simulate(&rig, &drive, 1e-5).expect("a run");
+        let mut random = Pcg64::seed_from_u64(5);
+        let mut record = drive.clone();
+        for (name, noise) in [(PRESSURE_PA, 250.0), (CONTRACTION, 3e-5)] {
+            let normal = Normal::new(0.0, noise).expect("a spread");
+            let column = clean.column(name).expect("a column").iter();
+            let noisy = column.map(|value| value + normal.sample(&mut random));
+            record.set(name, noisy.collect());
+        }
+        let model = MuscleModel::new(&rig, &[record], &[], &[]).expect("a model");
+        let static_n = |deviation: f64| 12.0 * (1.0 + 0.2 * deviation);
+        let refined = model.refined(&[1.7], &[]);
+        // A weight is stopped by one step of the reference, or the next.
+        assert!((static_n(refined[0]) - 12.0).abs() < 2.0, "{refined:?}");
     }
 }

@@ -1,17 +1,20 @@
 //! The diagnosis as a person reads it.
 
-use super::diagnosis::{self, Diagnosed, Diagnosis, Named};
-use crate::identify::gap::{SIGNALS, significant};
+use super::diagnosis::{self, Diagnosed, Diagnosis, GapOf, Named};
+use crate::identify::gap::{SIGNALS, Signal, significant};
 use crate::record::Record;
-use crate::report::{Axis, Plot, Report, Role, Section, Series, Table};
+use crate::report::{Axis, Marker, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
 use model_discrepancy::verdict::Verdict;
 
 /// Candidates that are shown.
 const SHOWN: usize = 12;
+/// Names of the directions of a motion.
+const DIRECTIONS: [(f64, &str); 3] = [(-1.0, "extending"), (0.0, "at rest"), (1.0, "contracting")];
 
 /// A value with its unit, in digits one can read.
-fn quantity(value: f64, unit: &str) -> String {
+pub(crate) fn quantity(value: f64, unit: &str) -> String {
+    let (value, unit) = said(value, unit);
     let size = value.abs();
     let number = if size != 0.0 && !(1e-3..1e6).contains(&size) {
         format!("{value:.2e}")
@@ -25,31 +28,76 @@ fn quantity(value: f64, unit: &str) -> String {
     }
 }
 
-/// Share of the gap above the noise that is gone, the median over signals that had one.
-fn removed(diagnosis: &Diagnosis) -> Option<f64> {
-    let above = |gap: f64, noise: f64| (gap * gap - noise * noise).max(0.0).sqrt();
-    let gaps = diagnosis.gap.values();
-    let seen = gaps.filter(|gap| gap.before > 1.2 * gap.noise);
-    let shares = seen.map(|g| 1.0 - above(g.after, g.noise) / above(g.before, g.noise));
-    let mut shares: Vec<f64> = shares.collect();
-    shares.sort_by(f64::total_cmp);
-    shares.get(shares.len() / 2).copied()
+/// A value in the unit in which one says it: kPa, mm, ms.
+fn said(value: f64, unit: &str) -> (f64, &str) {
+    let size = value.abs();
+    match unit {
+        "Pa" if size >= 1e3 => (value * 1e-3, "kPa"),
+        "Pa/s" if size >= 1e3 => (value * 1e-3, "kPa/s"),
+        "m" if size < 1.0 => (value * 1e3, "mm"),
+        "s" if size < 0.1 => (value * 1e3, "ms"),
+        _ => (value, unit),
+    }
 }
 
-fn named(effect: &Named) -> String {
+/// A signal's gap in the unit of reports.
+fn gap_size(signal: &Signal, value: f64) -> String {
+    let (_, _, unit, factor) = signal;
+    format!("{} {unit}", significant(factor * value))
+}
+
+/// Each compared signal with its gap, the worst first.
+fn gaps(diagnosis: &Diagnosis) -> impl Iterator<Item = (&'static Signal, &GapOf)> {
+    let signal = |name: &str| SIGNALS.iter().find(|signal| signal.0 == name);
+    let gaps = diagnosis.gap.iter();
+    gaps.filter_map(move |(name, gap)| Some((signal(name)?, gap)))
+}
+
+/// What the fitted rig does to the gap of each signal, the worst first; none if no signal had a
+/// gap.
+fn gap_in_words(diagnosis: &Diagnosis) -> Option<String> {
+    let (worse, better): (Vec<_>, Vec<_>) = gaps(diagnosis).partition(|(_, gap)| gap.is_worse());
+    let worse = worse.into_iter().map(|(signal, gap)| {
+        let [after, before] = [gap.after, gap.before].map(|value| gap_size(signal, value));
+        let name = signal.1;
+        format!("predicts {name} worse ({after} RMS, nominal rig {before})")
+    });
+    let better = better
+        .into_iter()
+        .filter_map(|(signal, gap)| Some((100.0 * gap.removed?, signal.1)));
+    let mut words: Vec<String> = worse.collect();
+    let better = better.enumerate().map(|(place, (removed, name))| {
+        let of_what = if place == 0 {
+            " of the gap above the noise"
+        } else {
+            ""
+        };
+        format!("{removed:.0} %{of_what} in {name}")
+    });
+    let better: Vec<String> = better.collect();
+    if !better.is_empty() {
+        words.push(format!("removes {}", better.join(" and ")));
+    }
+    (!words.is_empty()).then(|| {
+        let words = words.join(" and ");
+        format!("on the validation records the fitted rig {words}")
+    })
+}
+
+/// The parameters of a named effect with their intervals, as one sentence.
+fn parameters(effect: &Named) -> Option<String> {
     let parameters = effect.parameters.iter().map(|(name, estimate)| {
         let name = name
             .strip_suffix(&key_unit(estimate.unit))
             .unwrap_or(name)
             .replace('_', " ");
-        format!("{name} {}", quantity(estimate.value, estimate.unit))
+        let [low, high] = estimate.ci95.map(|end| quantity(end, estimate.unit));
+        let value = quantity(estimate.value, estimate.unit);
+        format!("{name} {value} ({low} to {high})")
     });
     let parameters: Vec<String> = parameters.collect();
-    if parameters.is_empty() {
-        effect.name.into()
-    } else {
-        format!("{} ({})", effect.name, parameters.join(", "))
-    }
+    let listed = || format!("{}: {}.", effect.name, parameters.join(", "));
+    (!parameters.is_empty()).then(listed)
 }
 
 /// A unit as it stands at the end of a key.
@@ -69,31 +117,22 @@ fn key_unit(unit: &str) -> String {
 
 /// What was found, in sentences; the first is the headline.
 pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
-    let gone = removed(diagnosis).filter(|share| *share > 0.0);
-    let gone = gone.map(|share| format!("{:.0} % of the gap", 100.0 * share));
+    let gaps = gap_in_words(diagnosis).map_or_else(String::new, |words| format!("; {words}"));
     let mut said = vec![match diagnosis.verdict {
-        Verdict::Consistent => {
-            let gone = gone.map(|gone| format!(" Calibrating it removes {gone}."));
-            format!(
-                "Consistent: within its tolerances the nominal model explains the records.{}",
-                gone.unwrap_or_default()
-            )
-        }
+        Verdict::Consistent => format!(
+            "Consistent: within its tolerances the nominal model explains the records{gaps}."
+        ),
         Verdict::Explained => {
-            let names: Vec<String> = diagnosis.effects.iter().map(named).collect();
-            let gone = gone.map(|gone| format!("; adding it removes {gone}"));
-            format!(
-                "The rig shows {}{}.",
-                names.join(" and "),
-                gone.unwrap_or_default()
-            )
+            let names: Vec<&str> = diagnosis.effects.iter().map(|e| e.name).collect();
+            format!("The rig shows {}{gaps}.", names.join(" and "))
         }
         Verdict::Unexplained => format!(
-            "Unexplained: something is left in {} that no known effect explains, {}.",
+            "Unexplained: something is left in {} that no known effect explains, {}{gaps}.",
             diagnosis.remaining.places.join(" and "),
             diagnosis.remaining.when
         ),
     }];
+    said.extend(diagnosis.effects.iter().filter_map(parameters));
     for effect in &diagnosis.effects {
         if !effect.alternatives.is_empty() {
             let others = effect.alternatives.join(" or ");
@@ -114,28 +153,37 @@ pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
 }
 
 fn gap_table(diagnosis: &Diagnosis) -> Table {
-    let shown = |name: &str| SIGNALS.iter().find(|signal| signal.0 == name);
-    let row = |(name, gap): (&&'static str, &diagnosis::GapOf)| {
-        let (_, label, unit, factor) = shown(name)?;
-        let values = [gap.before, gap.after, gap.noise];
-        let cells = values.map(|value| format!("{} {unit}", significant(factor * value)));
-        Some([vec![(*label).to_string()], cells.to_vec()].concat())
+    let row = |(signal, gap): (&Signal, &GapOf)| {
+        let [before, after, noise] =
+            [gap.before, gap.after, gap.noise].map(|value| gap_size(signal, value));
+        let removed = match gap.removed {
+            _ if gap.is_worse() => "worse".into(),
+            Some(removed) => format!("{:.0} %", 100.0 * removed),
+            None => "at the noise".into(),
+        };
+        vec![signal.1.into(), before, after, noise, removed]
     };
-    let columns = ["signal", "nominal rig", "fitted rig", "noise"];
+    let columns = ["signal", "nominal rig", "fitted rig", "noise", "removed"];
     Table {
         caption:
             "Root mean square of simulated − measured over the validation records, which were \
-                  never fitted"
+                  never fitted, and the share of it above the noise that is removed; the worst \
+                  first"
                 .into(),
         columns: columns.map(String::from).to_vec(),
-        rows: diagnosis.gap.iter().filter_map(row).collect(),
+        rows: gaps(diagnosis).map(row).collect(),
     }
 }
 
 /// Each signal of a validation record, measured and as both rigs run freely.
-fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> {
+fn over_time(
+    diagnosis: &Diagnosis,
+    measured: &Record,
+    runs: &[Record; 2],
+    number: usize,
+) -> Vec<Plot> {
     let time_s = measured.time_s();
-    let plot = |signal: &(&str, &str, &str, f64)| {
+    let plot = |signal: &Signal| {
         let (name, label, unit, factor) = *signal;
         let was = measured.column(name)?;
         let [nominal, fitted] = [0, 1].map(|place| runs[place].column(name));
@@ -153,12 +201,15 @@ fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> 
             markers: Vec::new(),
             sync: Some(format!("validation {number}")),
         };
+        let noise = diagnosis.gap_of(name).map_or(0.0, |gap| gap.noise);
         let gap = |name: &str, role: Role, is: &[f64]| {
             let gap: Vec<f64> = is.iter().zip(was).map(|(is, was)| is - was).collect();
             Series::thinned(name, time_s, &gap).role(role)
         };
         let lines = vec![
-            Series::thinned("measured", time_s, was).role(Role::Measured),
+            Series::thinned("measured ± 2 σ of its noise", time_s, was)
+                .role(Role::Measured)
+                .band(2.0 * noise),
             Series::thinned("nominal rig", time_s, nominal)
                 .role(Role::Nominal)
                 .dashed(),
@@ -167,6 +218,9 @@ fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> 
                 .dashed(),
         ];
         let gaps = vec![
+            Series::thinned("± 2 σ of the noise", time_s, &vec![0.0; time_s.len()])
+                .role(Role::Noise)
+                .band(2.0 * noise),
             gap("nominal rig", Role::Nominal, nominal),
             gap("fitted rig", Role::Fitted, fitted),
         ];
@@ -180,29 +234,48 @@ fn over_time(measured: &Record, runs: &[Record; 2], number: usize) -> Vec<Plot> 
 
 /// Mean square residual of a block against a coordinate.
 fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
+    let directions = before.coordinate == "direction";
     let line = |name: &str, profile: &Profile| {
-        let middle = |bin: &[f64; 3]| 0.5 * (bin[0] + bin[1]);
-        let x = profile.bins.iter().map(middle).collect();
-        Series::new(
-            name,
-            x,
-            profile.bins.iter().map(|bin| bin[2].sqrt()).collect(),
-        )
+        let bins = profile.bins.iter();
+        let mut points: Vec<(f64, f64)> = bins
+            .map(|[from, to, square]| (0.5 * (from + to), square.sqrt()))
+            .collect();
+        if directions {
+            // Room beside the outermost.
+            points.insert(0, (-1.5, f64::NAN));
+            points.push((1.5, f64::NAN));
+        }
+        let (x, y) = points.into_iter().unzip();
+        let line = Series::new(name, x, y);
+        if directions { line.points() } else { line }
     };
-    let (unit, factor) = match before.unit {
-        "Pa" => ("kPa", 1e-3),
-        unit => (unit, 1.0),
+    let (unit, factor) = match (before.coordinate, before.unit) {
+        (_, "Pa") => ("kPa", 1e-3),
+        (_, "Pa/s") => ("kPa/s", 1e-3),
+        ("contraction", _) => ("%", 100.0),
+        ("rate", _) => ("%/s", 100.0),
+        (_, unit) => (unit, 1.0),
+    };
+    let axis = Axis::new(before.coordinate, unit, factor);
+    let axis = if directions {
+        axis.named(DIRECTIONS.to_vec())
+    } else {
+        axis
     };
     Plot {
         title: format!("{block}: residual against {}", before.coordinate),
         caption: "Root mean square in units of the noise".into(),
-        x: Axis::new(before.coordinate, unit, factor),
+        x: axis,
         y: Axis::new("residual", "σ", 1.0),
         series: vec![
             line("nominal, calibrated", before).role(Role::Nominal),
             line("fitted", after).role(Role::Fitted).dashed(),
         ],
-        markers: Vec::new(),
+        markers: vec![Marker {
+            vertical: false,
+            value: 1.0,
+            label: "noise".into(),
+        }],
         sync: None,
     }
 }
@@ -233,6 +306,15 @@ fn tried_table(diagnosis: &Diagnosis) -> Table {
         .tried
         .first()
         .map_or(0.0, |tried| tried.cost.iter().sum());
+    let effects = diagnosis.effects.iter();
+    let forms = effects.map(|e| format!("{} ({})", e.name, e.form));
+    let mut named: Vec<String> = forms.collect();
+    named.sort();
+    let is_named = |tried: &diagnosis::Tried| {
+        let mut effects = tried.effects.clone();
+        effects.sort();
+        diagnosis.verdict != Verdict::Unexplained && effects == named
+    };
     let row = |tried: &diagnosis::Tried| {
         let names = tried.effects.join(" + ");
         let sum: f64 = tried.cost.iter().sum();
@@ -245,9 +327,20 @@ fn tried_table(diagnosis: &Diagnosis) -> Table {
             format!("{:.0}", tried.cost[0]),
             format!("{:.0}", tried.cost[1]),
             format!("{:+.0}", sum - best),
+            if is_named(tried) {
+                "named".into()
+            } else {
+                String::new()
+            },
         ]
     };
-    let columns = ["effects", "cost fitted", "cost predicted", "above the best"];
+    let columns = [
+        "effects",
+        "cost fitted",
+        "cost predicted",
+        "above the best",
+        "",
+    ];
     Table {
         caption: "Half the sum of squared residuals in units of the noise; small differences mean \
                   that the records cannot tell"
@@ -318,7 +411,8 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
         ..Section::default()
     };
     for (number, (record, runs)) in validate.iter().zip(&diagnosed.free_runs).enumerate() {
-        gap.plots.extend(over_time(record, runs, number + 1));
+        gap.plots
+            .extend(over_time(diagnosis, record, runs, number + 1));
     }
     let mut where_it_lives = Section {
         heading: "Where the residual lives".into(),
@@ -350,7 +444,12 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
             where_it_lives,
             Section {
                 heading: "What was tried".into(),
-                text: vec![format!("Time spent: {}.", stages.join(", "))],
+                text: vec![
+                    "A set with a lower cost than the named one has a member without which \
+                     little more is left, moves a nominal value far, or makes a simulation worse."
+                        .into(),
+                    format!("Time spent: {}.", stages.join(", ")),
+                ],
                 tables: vec![tried_table(diagnosis), calibrated_table(diagnosis)],
                 ..Section::default()
             },
@@ -362,5 +461,76 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
             },
         ],
         repeat: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA};
+
+    fn diagnosis(verdict: Verdict, gap: Vec<(&'static str, GapOf)>) -> Diagnosis {
+        Diagnosis {
+            schema: 1,
+            verdict,
+            effects: Vec::new(),
+            gap,
+            remaining: diagnosis::Remaining::default(),
+            next_experiment: "none.".into(),
+            calibrated: Vec::new(),
+            blocks: Vec::new(),
+            tried: Vec::new(),
+            warnings: Vec::new(),
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_first_sentence_has_each_signal_and_one_that_got_worse_first() {
+        let gaps = vec![
+            (FORCE_N, GapOf::new([2.58, 5.79, 0.5])),
+            (CONTRACTION, GapOf::new([5e-3, 2.5e-3, 3e-5])),
+            (PRESSURE_PA, GapOf::new([9000.0, 250.0, 250.0])),
+        ];
+        for verdict in [
+            Verdict::Consistent,
+            Verdict::Explained,
+            Verdict::Unexplained,
+        ] {
+            let diagnosis = diagnosis(verdict, gaps.clone());
+            let first = &sentences(&diagnosis)[0];
+            let said = "on the validation records the fitted rig predicts force worse (5.790 N \
+                        RMS, nominal rig 2.580 N) and removes 50 % of the gap above the noise in \
+                        contraction and 100 % in gauge pressure.";
+            assert!(first.ends_with(said), "{first}");
+            // Programs get them in the same order.
+            let json = serde_json::to_string(&diagnosis).expect("JSON");
+            let places = gaps.iter().map(|(signal, _)| json.find(signal));
+            assert!(places.is_sorted(), "{json}");
+        }
+    }
+
+    #[test]
+    fn a_gap_within_the_noise_has_no_share() {
+        let gaps = vec![(PRESSURE_PA, GapOf::new([260.0, 240.0, 250.0]))];
+        let diagnosis = diagnosis(Verdict::Consistent, gaps);
+        let sentences = sentences(&diagnosis);
+        assert!(!sentences[0].contains('%'), "{}", sentences[0]);
+        assert_eq!(gap_table(&diagnosis).rows[0][4], "at the noise");
+    }
+
+    #[test]
+    fn quantities_have_the_unit_that_one_says() {
+        for (value, unit, said) in [
+            (6e6, "Pa/s", "6000 kPa/s"),
+            (20e3, "Pa", "20.00 kPa"),
+            (250.0, "Pa", "250.0 Pa"),
+            (2.5e-3, "m", "2.500 mm"),
+            (0.04, "s", "40.00 ms"),
+            (12.0, "s", "12.00 s"),
+            (0.3, "1", "0.3000"),
+        ] {
+            assert_eq!(quantity(value, unit), said);
+        }
     }
 }

@@ -4,7 +4,7 @@
 use crate::error::BadInput;
 use crate::output::NotWritten;
 use crate::record::columns::{COLUMNS, Cell, Column};
-use crate::record::{Record, TIME_S};
+use crate::record::{self, Record, TIME_S};
 use mcap::parse_record;
 use mcap::records::{MessageHeader, Metadata, Record as McapRecord, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -14,9 +14,12 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
+use std::time::Duration;
 
 /// Longest MCAP record that is read, above any chunk that [`McapWriter`] writes \[bytes\].
 const RECORD_LEN_MAX: usize = 1 << 26;
+/// Length of an MCAP record's opcode and length \[bytes\].
+const RECORD_HEADER_LEN: usize = 9;
 /// The channel's name.
 const TOPIC: &str = "/assist";
 
@@ -30,6 +33,8 @@ pub struct Origin {
     pub rig: Option<String>,
     /// The seed of random numbers, if there were any.
     pub seed: Option<u64>,
+    /// Time since 1970 at which the record starts: the viewers' time of its `time_s` 0.
+    pub started: Duration,
 }
 
 impl Origin {
@@ -57,6 +62,7 @@ pub struct McapWriter {
     writer: Writer<BufWriter<File>>,
     channel: u16,
     sequence: u32,
+    started: Duration,
 }
 
 impl McapWriter {
@@ -82,6 +88,7 @@ impl McapWriter {
             writer,
             channel,
             sequence: 0,
+            started: origin.started,
         })
     }
 
@@ -100,7 +107,7 @@ impl McapWriter {
                     Cell::Text(word) => Some((String::from(*name), json!(word))),
                 });
         let message = Value::Object(fields.collect()).to_string();
-        let time_ns = (time_s * 1e9).round().max(0.0) as u64;
+        let time_ns = self.started.as_nanos() as u64 + (time_s * 1e9).round().max(0.0) as u64;
         let header = MessageHeader {
             channel_id: self.channel,
             sequence: self.sequence,
@@ -141,6 +148,77 @@ fn not_written(path: &str, error: McapError) -> NotWritten {
     NotWritten::new(path, source)
 }
 
+/// Plots of the layout for viewers: title, and the columns with one unit that it has.
+const PLOTS: [(&str, &[&str]); 4] = [
+    (
+        "Pressure (gauge) [Pa]",
+        &[
+            record::PRESSURE_REF_PA,
+            record::PRESSURE_PA,
+            record::EXACT_PRESSURE_REF_PA,
+        ],
+    ),
+    ("Contraction [1]", &[record::CONTRACTION]),
+    (
+        "Force [N]",
+        &[
+            record::FORCE_N,
+            record::INPUT_FORCE_N,
+            record::REFERENCE_FORCE_N,
+        ],
+    ),
+    ("Finger [m]", &[record::FINGER_M]),
+];
+/// Text of the layout beside them: when the controller changes its state, and why.
+const STATES: [&str; 3] = [record::MODE, record::FAULT, record::REQUEST];
+
+/// The layout of panels with which Foxglove and Lichtblick show a record (its menu «Import from
+/// file»): plots with a common time, and the controller's state.
+pub fn layout() -> Value {
+    let paths = |columns: &[&str]| {
+        let path = |column: &&str| {
+            json!({
+                "value": format!("{TOPIC}.{column}"), "label": column, "enabled": true,
+                "timestampMethod": "receiveTime",
+            })
+        };
+        columns.iter().map(path).collect::<Vec<Value>>()
+    };
+    let plots = PLOTS.iter().enumerate().map(|(number, (title, columns))| {
+        let panel = json!({
+            "foxglovePanelTitle": title, "paths": paths(columns), "xAxisVal": "timestamp",
+            "isSynced": true, "showLegend": true, "legendDisplay": "floating",
+            "showPlotValuesInLegend": true, "showXAxisLabels": true, "showYAxisLabels": true,
+            "sidebarDimension": 240,
+        });
+        (format!("Plot!{number}"), panel)
+    });
+    let states = json!({
+        "foxglovePanelTitle": "Controller", "paths": paths(&STATES), "isSynced": true,
+    });
+    let panels: Map<String, Value> = plots
+        .chain([("StateTransitions!0".to_owned(), states)])
+        .collect();
+    // Below each other, each as high as the others.
+    let below = |(above, count): (Value, u32), name: &String| {
+        let share = 100.0 * f64::from(count) / f64::from(count + 1);
+        let both = json!({
+            "direction": "column", "first": above, "second": name, "splitPercentage": share,
+        });
+        (both, count + 1)
+    };
+    let mut names = panels.keys();
+    let first = (json!(names.next()), 1);
+    let (tree, _) = names.fold(first, below);
+    json!({
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": { "speed": 1 },
+        "layout": tree,
+    })
+}
+
 /// The JSON schema of a message. The unit is in the description too, as viewers do not know `unit`.
 fn schema() -> Value {
     let property = |column: &Column| match (column.unit, column.description) {
@@ -163,15 +241,24 @@ fn schema() -> Value {
     })
 }
 
-/// The messages on [`TOPIC`]. An incomplete chunk ends the file.
-fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
+/// Passes the schemas, channels and messages of the file `name` to `take`, up to its end or the
+/// place where it is damaged, which is returned in words. The records may have `unpacked_max` bytes
+/// in all.
+///
+/// # Errors
+/// The bytes are not of an MCAP file, or have more when unpacked; those of `take`.
+pub(super) fn each_record(
+    name: &str,
+    bytes: &[u8],
+    unpacked_max: usize,
+    mut take: impl FnMut(McapRecord) -> Result<(), BadInput>,
+) -> Result<Option<String>, BadInput> {
     let options = LinearReaderOptions::default()
         .with_skip_end_magic(true)
         // Without a limit the crate's arithmetic on a damaged length may overflow.
         .with_record_length_limit(RECORD_LEN_MAX);
     let mut reader = LinearReader::new_with_options(options);
-    let (mut channels, mut messages) = (Vec::new(), Vec::new());
-    let (mut rest, mut begun) = (bytes, false);
+    let (mut rest, mut begun, mut unpacked) = (bytes, false, 0_usize);
     while let Some(event) = reader.next_event() {
         let record = match event {
             Ok(LinearReadEvent::ReadRequest(len)) => {
@@ -181,28 +268,45 @@ fn messages(bytes: &[u8]) -> Result<Vec<Vec<u8>>, McapError> {
                 rest = later;
                 continue;
             }
-            // Attachments are not needed, and the crate panics at one that is too short.
-            Ok(LinearReadEvent::Record { data, opcode }) => match opcode {
-                op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
-                _ => Ok(None),
-            },
+            Ok(LinearReadEvent::Record { data, opcode }) => {
+                unpacked = unpacked.saturating_add(RECORD_HEADER_LEN + data.len());
+                if unpacked > unpacked_max {
+                    let expected = format!("at most {unpacked_max} unpacked bytes, found more");
+                    return Err(BadInput::file(name, expected));
+                }
+                match opcode {
+                    op::SCHEMA | op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
+                    // Attachments are not needed, and the crate panics at one that is too short.
+                    _ => Ok(None),
+                }
+            }
             Err(error) => Err(error),
         };
         match record {
-            Ok(Some(McapRecord::Channel(channel))) if channel.topic == TOPIC => {
-                channels.push(channel.id)
+            Ok(record) => record.map_or(Ok(()), &mut take)?,
+            Err(error) if !begun => {
+                return Err(BadInput::file(name, format!("an MCAP file, {error}")));
             }
-            Ok(Some(McapRecord::Message { header, data }))
-                if channels.contains(&header.channel_id) =>
-            {
-                messages.push(data.into_owned());
-            }
-            Ok(_) => {}
-            Err(error) if !begun => return Err(error),
-            Err(_) => break,
+            Err(error) => return Ok(Some(error.to_string())),
         }
         begun = true;
     }
+    Ok(None)
+}
+
+/// The messages on [`TOPIC`]. An incomplete chunk ends the file.
+fn messages(name: &str, bytes: &[u8]) -> Result<Vec<Vec<u8>>, BadInput> {
+    let (mut channels, mut messages) = (Vec::new(), Vec::new());
+    each_record(name, bytes, usize::MAX, |record| {
+        match record {
+            McapRecord::Channel(channel) if channel.topic == TOPIC => channels.push(channel.id),
+            McapRecord::Message { header, data } if channels.contains(&header.channel_id) => {
+                messages.push(data.into_owned());
+            }
+            _ => {}
+        }
+        Ok(())
+    })?;
     Ok(messages)
 }
 
@@ -223,7 +327,7 @@ pub fn read(path: &Path) -> Result<Record, BadInput> {
 /// As [`read`].
 pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
     let bad = |expected: String| BadInput::file(name, expected);
-    let messages = messages(bytes).map_err(|error| bad(format!("an MCAP file, {error}")))?;
+    let messages = messages(name, bytes)?;
     let mut csv = csv::Writer::from_writer(Vec::new());
     let _ = csv.write_record(COLUMNS.iter().map(|column| column.name));
     for message in messages {

@@ -115,6 +115,8 @@ pub struct Record {
     /// The line of each row; empty for a record that was not read from a file.
     lines: Vec<u32>,
     time_s: Vec<f64>,
+    /// Rows that had the time of the row before.
+    repeated: Vec<usize>,
     /// All columns in the file's order; `None` is the time.
     columns: Vec<Option<(String, Cells)>>,
 }
@@ -130,6 +132,7 @@ impl Record {
             file: "record".into(),
             lines: Vec::new(),
             time_s,
+            repeated: Vec::new(),
             columns: vec![None],
         }
     }
@@ -143,6 +146,13 @@ impl Record {
     /// is halfway to the next row.
     pub fn time_s(&self) -> &[f64] {
         &self.time_s
+    }
+
+    /// Number of the rows that had the time of the row before in the file, and the line of the
+    /// first; `None` if there is none.
+    pub fn repeated_times(&self) -> Option<(usize, usize)> {
+        let first = self.repeated.first()?;
+        Some((self.repeated.len(), self.line(*first)?))
     }
 
     /// A known column's samples, NaN where one is missing; `None` if the record lacks the column or

@@ -44,6 +44,7 @@ pub(super) const TIME: &[Unit] = &[
     ("us", 1e-6, 0.0),
     ("min", 60.0, 0.0),
     ("h", 3600.0, 0.0),
+    ("d", 86_400.0, 0.0),
 ];
 
 /// The columns that a file can be mapped to, besides the time, and their units; the first is the

@@ -70,6 +70,8 @@ pub struct Axis {
     pub factor: f64,
     /// Whether it is logarithmic.
     pub log: bool,
+    /// Names in place of numbers, each at its value in SI units.
+    pub names: Vec<(f64, &'static str)>,
 }
 
 impl Axis {
@@ -80,12 +82,18 @@ impl Axis {
             unit: unit.into(),
             factor,
             log: false,
+            names: Vec::new(),
         }
     }
 
     /// The same axis, logarithmic.
     pub fn log(self) -> Axis {
         Axis { log: true, ..self }
+    }
+
+    /// The same axis with names in place of numbers.
+    pub fn named(self, names: Vec<(f64, &'static str)>) -> Axis {
+        Axis { names, ..self }
     }
 }
 
@@ -99,6 +107,8 @@ pub enum Role {
     Nominal,
     /// The simulation with the fitted rig, or its residual.
     Fitted,
+    /// What the sensor reads if nothing else differs.
+    Noise,
 }
 
 /// A line of a plot.
@@ -116,6 +126,10 @@ pub struct Series {
     pub dashed: bool,
     /// What it shows; a line without a role is coloured by its place in the plot.
     pub role: Option<Role>,
+    /// Half of the width of a band about it, in SI units; 0 if it has none.
+    pub band: f64,
+    /// Whether its points are not joined.
+    pub points: bool,
 }
 
 impl Series {
@@ -127,6 +141,8 @@ impl Series {
             y,
             dashed: false,
             role: None,
+            band: 0.0,
+            points: false,
         }
     }
 
@@ -153,6 +169,22 @@ impl Series {
     pub fn role(self, role: Role) -> Series {
         Series {
             role: Some(role),
+            ..self
+        }
+    }
+
+    /// The same line in a band of ± `half_width`.
+    pub fn band(self, half_width: f64) -> Series {
+        Series {
+            band: half_width,
+            ..self
+        }
+    }
+
+    /// The same points, not joined.
+    pub fn points(self) -> Series {
+        Series {
+            points: true,
             ..self
         }
     }
@@ -225,8 +257,10 @@ fn cell(text: &str) -> String {
     let mut rest = text.chars().peekable();
     while let Some(character) = rest.next() {
         let after_digit = cell.ends_with(|last: char| last.is_ascii_digit());
-        let before_letter = rest.peek().is_some_and(|next| next.is_alphabetic());
-        if character == ' ' && after_digit && before_letter {
+        let before_unit = rest
+            .peek()
+            .is_some_and(|next| next.is_alphabetic() || *next == '%');
+        if character == ' ' && after_digit && before_unit {
             cell.push('\u{a0}');
         } else {
             cell.push(character);
@@ -457,6 +491,7 @@ mod tests {
     #[test]
     fn no_line_break_separates_a_number_from_its_unit() {
         assert_eq!(cell("4.00 Hz"), "4.00\u{a0}Hz");
+        assert_eq!(cell("57 %"), "57\u{a0}%");
         assert_eq!(cell("valve A: 3 < 4"), "valve A: 3 &lt; 4");
     }
 

@@ -112,7 +112,7 @@ fn set_value(value: &mut toml_edit::Value, number: f64) {
 
 /// The shortest decimal that reads back as `value`; scientific where the exponent is below −4 or
 /// above 5.
-fn float_toml(value: f64) -> String {
+pub(super) fn float_toml(value: f64) -> String {
     if value == 0.0 || (1e-4..1e6).contains(&value.abs()) {
         format!("{value:?}")
     } else {
@@ -197,9 +197,10 @@ mod tests {
         let mut rig = Rig::parse("rig.toml", &text).expect("a rig");
         assert_eq!(rig.rewritten(&text).as_ref(), Ok(&text));
         rig.effects.push(rig.effects[0].clone());
+        rig.effects[1].values[0] = 5e-9;
         let both = rig.rewritten(&text).expect("TOML");
         let read = Rig::parse("rig.toml", &both).expect("a rig");
         assert_eq!(read.effects.len(), 2);
-        assert_eq!(read.effects[1].values, [4e-9]);
+        assert_eq!(read.effects[1].values, [5e-9]);
     }
 }

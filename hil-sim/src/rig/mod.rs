@@ -2,11 +2,13 @@
 
 mod edit;
 mod keys;
+mod provenance;
 mod read;
 mod units;
 
 pub use edit::{effect_toml, set_numbers};
 pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances};
+pub use provenance::{FileHash, FoundEffect, Provenance, UsedRecord};
 
 use crate::error::BadInput;
 use model_core::assist::Assist;
@@ -43,6 +45,8 @@ pub struct Rig {
     pub tolerances: Vec<Tolerance>,
     /// Effects in addition to the nominal model.
     pub effects: Vec<Effect>,
+    /// Where a fitted rig comes from; nothing is computed with it.
+    pub provenance: Option<Provenance>,
 }
 
 /// Contractions at which the volume must be positive.

@@ -2,8 +2,9 @@
 
 use super::keys::{self, Key};
 use super::units::likely_unit;
-use super::{Rig, Tolerance};
+use super::{Provenance, Rig, Tolerance};
 use crate::error::{BadInput, did_you_mean, one_of};
+use crate::record::TIME_S;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
 use model_core::pressure::{AbsolutePa, GaugePa};
@@ -24,7 +25,11 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
         file: name.into(),
         line: error.span().map(|span| line_of(text, span.start)),
         place: None,
-        expected: format!("TOML, {}", error.message()),
+        expected: match text.lines().next() {
+            // A record in the place of a rig.
+            Some(first) if first.contains(TIME_S) => format!("a rig in TOML, found `{first}`"),
+            _ => format!("TOML, {}", error.message()),
+        },
     })?;
     let file = File {
         name,
@@ -184,7 +189,14 @@ impl<'a> File<'a> {
             line: None,
         };
         let sections = keys::sections(|_| true);
-        root.only(&[&["schema"], sections.as_slice(), &["tolerance", "effect"]].concat())?;
+        root.only(
+            &[
+                &["schema"],
+                sections.as_slice(),
+                &["tolerance", "effect", "provenance"],
+            ]
+            .concat(),
+        )?;
         match root.optional("schema", f64::MIN, f64::MAX)? {
             Some(schema) if schema == SCHEMA as f64 => {}
             Some(schema) => {
@@ -211,6 +223,7 @@ impl<'a> File<'a> {
             catalogue: self.catalogue.clone(),
             tolerances: Vec::new(),
             effects: Vec::new(),
+            provenance: None,
         };
         for name in sections {
             match root.section(name)? {
@@ -223,6 +236,13 @@ impl<'a> File<'a> {
         }
         rig.tolerances = tolerances(&root)?;
         rig.effects = effects(&root)?;
+        let provenance = table.get("provenance").map(Provenance::read).transpose();
+        rig.provenance = provenance.map_err(|expected| {
+            root.bad(
+                "provenance",
+                format!("the table that `diagnose` writes, {expected}"),
+            )
+        })?;
         Ok(rig)
     }
 }
@@ -364,7 +384,7 @@ fn effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
         let expected = format!("sections `[[effect]]`, found {found}");
         root.bad("effect", expected)
     };
-    match root.table.get("effect") {
+    let effects = match root.table.get("effect") {
         None => Ok(Vec::new()),
         Some(Item::ArrayOfTables(tables)) => tables
             .iter()
@@ -379,10 +399,34 @@ fn effects(root: &Section) -> Result<Vec<Effect>, BadInput> {
             values.iter().map(read).collect()
         }
         Some(other) => Err(bad(kind_of(other))),
-    }
+    };
+    once_each(effects?)
 }
 
-fn effect(section: &Section) -> Result<Effect, BadInput> {
+/// The effects, each once. Two of one kind add up if their values differ (`diagnose` finds a leak
+/// beside that of the rig); the same again is a slip.
+fn once_each(effects: Vec<(Effect, BadInput)>) -> Result<Vec<Effect>, BadInput> {
+    let mut once: Vec<(Effect, Option<usize>)> = Vec::new();
+    for (effect, place) in effects {
+        let is_same = |(other, _): &&(Effect, _)| {
+            (other.kind.name, other.form.name) == (effect.kind.name, effect.form.name)
+                && other.values == effect.values
+        };
+        if let Some((_, first)) = once.iter().find(is_same) {
+            let line = first.map_or_else(String::new, |line| format!(" of line {line}"));
+            let expected = format!(
+                "each effect once, found `{}`{line} again with the same values",
+                effect.kind.name
+            );
+            return Err(BadInput { expected, ..place });
+        }
+        once.push((effect, place.line));
+    }
+    Ok(once.into_iter().map(|(effect, _)| effect).collect())
+}
+
+/// An effect, and the place of its name.
+fn effect(section: &Section) -> Result<(Effect, BadInput), BadInput> {
     let name = section.word("name")?;
     let catalogue = &section.file.catalogue;
     let Some(kind) = catalogue.find(name) else {
@@ -415,7 +459,7 @@ fn effect(section: &Section) -> Result<Effect, BadInput> {
     }
     match errors.into_iter().reduce(BadInput::and) {
         Some(error) => Err(error),
-        None => Ok(Effect { kind, form, values }),
+        None => Ok((Effect { kind, form, values }, section.bad("name", ""))),
     }
 }
 
@@ -457,9 +501,19 @@ mod tests {
             Rig::parse("rig.toml", &Rig::REFERENCE_TOML.replace(schema, &text))
         };
         let leak = "{ name = \"leak\", conductance_kg_per_pa_s = 4e-9 },";
-        let rig = parse(&[leak, leak].join("\n")).expect("a rig");
+        let other = leak.replace('4', "5");
+        let rig = parse(&[leak, &other].join("\n")).expect("a rig");
         assert_eq!(rig.effects.len(), 2);
-        assert_eq!(rig.effects[1].values, [4e-9]);
+        assert_eq!(rig.effects[1].values, [5e-9]);
+        let error = parse(&[leak, &other, leak].join("\n")).expect_err("the same again");
+        let line = rig.bad("effect", "").line.expect("its line");
+        let says = format!(
+            "rig.toml:{}: key `effect.name`: expected each effect once, found `leak` of line {} \
+             again with the same values",
+            line + 3,
+            line + 1
+        );
+        assert_eq!(error.to_string(), says);
         let error = parse(&[leak, "{ name = \"leek\" }"].join("\n")).expect_err("no such effect");
         let line = |rig: &Rig| rig.bad("effect", "").line;
         assert_eq!(error.line, line(&rig).map(|line| line + 2));

@@ -36,6 +36,8 @@ pub struct InMemory {
     valve: DacCount,
     /// Travel of the weight \[m\] at which the user presses Ctrl-C.
     pub interrupt: Option<(f64, Arc<AtomicBool>)>,
+    /// Travel of the weight \[m\] from which no command reaches the board, for so many ticks.
+    pub silence: Option<(f64, u32)>,
 }
 
 impl InMemory {
@@ -53,6 +55,7 @@ impl InMemory {
             to_next_tick: TICK,
             valve: DacCount::default(),
             interrupt: None,
+            silence: None,
         };
         board.reset();
         board
@@ -129,11 +132,18 @@ impl InMemory {
             button_pressed: false,
             stop_open: inputs.stop_open,
         };
+        let moved_m = self.world.lock().unwrap().moved_m;
+        if let Some((at_m, ticks)) = &mut self.silence
+            && moved_m > *at_m
+            && *ticks > 0
+        {
+            *ticks -= 1;
+            self.commands.clear();
+        }
         let commands = &mut self.commands;
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
         self.valve = tick.valve;
-        let moved_m = self.world.lock().unwrap().moved_m;
         if let Some((_, stop)) = self.interrupt.take_if(|(at_m, _)| moved_m > *at_m) {
             stop.store(true, Ordering::Relaxed);
         }

@@ -13,6 +13,7 @@ use hil_sim::commission::cause::{Cause, Step};
 use hil_sim::commission::session::{Measured, Session};
 use hil_sim::commission::written;
 use hil_sim::rig::Rig;
+use model_core::limits::PLAY_SILENCE_TICKS;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcScale, ValveDrive};
 use muscle_plant::effects::{Catalogue, Effect};
@@ -63,7 +64,13 @@ fn commission_by(
     steps: &[Step],
     (answers, repairs): (&[(&'static str, &'static str)], bool),
 ) -> Ended {
-    commission_in(World::new(wiring), stored, steps, (answers, repairs))
+    commission_in(
+        World::new(wiring),
+        stored,
+        steps,
+        (answers, repairs),
+        |_| {},
+    )
 }
 
 fn commission_in(
@@ -71,9 +78,11 @@ fn commission_in(
     stored: SettingsValues,
     steps: &[Step],
     (answers, repairs): (&[(&'static str, &'static str)], bool),
+    prepare: impl FnOnce(&mut InMemory),
 ) -> Ended {
     let world = Arc::new(Mutex::new(world));
-    let board = InMemory::new(Arc::clone(&world), stored);
+    let mut board = InMemory::new(Arc::clone(&world), stored);
+    prepare(&mut board);
     let log = board.log();
     let stop = Arc::new(AtomicBool::new(false));
     let mut client = Client::new(board, Duration::from_secs(5), stop);
@@ -179,6 +188,27 @@ fn each_wrong_rig_is_named_by_its_step_and_moves_by_less_than_10_mm() {
         page.contains(&table),
         "the table of the page is now\n{table}"
     );
+}
+
+/// A cable that is loose for a moment is not taken for a heavy load: the board lets the weight
+/// down, the step says so, and its repetition goes through.
+#[test]
+fn a_silent_link_in_the_middle_of_a_lift_is_named() {
+    let old = SettingsValues::reference();
+    let silence_ticks = 1 + u32::from(PLAY_SILENCE_TICKS);
+    for (repairs, found) in [
+        (false, Some((Step::Lift, vec![Cause::Interrupted]))),
+        (true, None),
+    ] {
+        let world = World::new(Wiring::Right);
+        let ended = commission_in(world, old, &Step::ALL, (&[], repairs), |board| {
+            board.silence = Some((2e-3, silence_ticks));
+        });
+        assert_eq!(ended.found, found, "{}", ended.told);
+        assert_eq!(ended.complete, repairs, "{}", ended.told);
+        assert!(ended.told.contains(Cause::Interrupted.words()));
+        assert!(ended.moved_m < MOVED_M_MAX, "{} m", ended.moved_m);
+    }
 }
 
 /// Each step can be repeated: once what it has found is corrected, the session goes on with it, and
@@ -316,7 +346,7 @@ fn effects_that_a_good_rig_may_have_raise_no_alarm() {
         let mut world = World::new(Wiring::Right);
         let effect = Effect::typical(kind, &kind.forms[0]);
         world.rig.effects.push(effect);
-        let ended = commission_in(world, old, &Step::ALL, (&[], false));
+        let ended = commission_in(world, old, &Step::ALL, (&[], false), |_| {});
         assert_eq!(ended.found, None, "{}: {}", kind.name, ended.told);
         assert!(ended.moved_m < MOVED_M_MAX, "{}", kind.name);
     }

@@ -1,6 +1,7 @@
 //! The interface of the board: pins, serial link, supply, reset button, and time.
 
 use crate::adc::Imperfection;
+use crate::ads1220::ConverterFaults;
 use crate::chip::Chip;
 use crate::cpu::{Cpu, ExceptionEvent};
 use crate::elf::{self, BadElf};
@@ -15,6 +16,8 @@ use crate::time::{from_ns, to_ns};
 
 /// Duration of the low pulse at NRST after an internal reset (datasheet, about 20 µs).
 const RESET_PULSE_NS: u64 = 20_000;
+/// Symbol of an image whose board has a converter for the bridge.
+const BRIDGE_CONVERTER: &str = "bridge_converter_ads1220";
 /// Start of the private peripheral bus.
 const PRIVATE: u32 = 0xe000_0000;
 
@@ -62,6 +65,9 @@ impl Board {
         }
         let symbols = elf::symbols(elf);
         let mut board = Board::from_flash(cells, Chip::of(&symbols)?);
+        if symbols.iter().any(|(name, _)| name == BRIDGE_CONVERTER) {
+            board.set_bridge_converter(ConverterFaults::default());
+        }
         board.symbols = symbols;
         board.log = Log::new(elf, &board.symbols);
         Ok(board)
@@ -220,9 +226,20 @@ impl Board {
         self.cpu.soc_mut().external.converter = imperfection;
     }
 
+    /// Changes what is wrong with the converter of the bridge, which the board has from now on. The
+    /// voltage of PC0, to which no bridge is wired then, is its signal: 0 to 3.3 V for ±1.953 mV/V.
+    pub fn set_bridge_converter(&mut self, faults: ConverterFaults) {
+        self.cpu.soc_mut().set_converter_faults(faults);
+    }
+
     /// Pulls the valve's output to a voltage, as a short circuit or a wrong amplifier would.
     pub fn load_valve(&mut self, volts: Option<f64>) {
         self.cpu.soc_mut().external.valve_load = volts;
+    }
+
+    /// Sets the time that the regulator of the core takes; none if it never reaches its voltage.
+    pub fn set_regulator_ns(&mut self, regulator_ns: Option<u64>) {
+        self.cpu.soc_mut().external.regulator_ns = regulator_ns;
     }
 
     /// Sets the option BOR_LEV: 0 is the highest level, 3 (a new chip) is off.

@@ -1,7 +1,9 @@
 //! GPIO: modes, alternate functions, levels (RM0390 chapter 7; functions: datasheet table 11).
 
 use crate::adc::Imperfection;
+use crate::ads1220::ConverterFaults;
 use crate::pin::{Pin, pin};
+use crate::pwr::REGULATOR_NS;
 
 const MODER: usize = 0x00;
 const OSPEEDR: usize = 0x08;
@@ -67,6 +69,20 @@ pub const CONVERTER_SELECT: Pin = pin('B', 12);
 /// See [`CONVERTER_CLOCK`].
 pub const CONVERTER_SHUTDOWN: Pin = pin('B', 14);
 
+/// Pins of the ADS1220: SCLK, DIN and DOUT at SPI3, CS, DRDY.
+pub const BRIDGE_CLOCK: Pin = pin('C', 10);
+/// See [`BRIDGE_CLOCK`].
+pub const BRIDGE_DATA_IN: Pin = pin('C', 12);
+/// See [`BRIDGE_CLOCK`].
+pub const BRIDGE_DATA_OUT: Pin = pin('C', 11);
+/// See [`BRIDGE_CLOCK`].
+pub const BRIDGE_SELECT: Pin = pin('B', 7);
+/// See [`BRIDGE_CLOCK`].
+pub const BRIDGE_READY: Pin = pin('C', 2);
+/// The bridge's signal: the voltage of its amplifier at the chip's converter. An ADS1220 has the
+/// bridge itself, of which the same scale is ±1.953 mV/V; then half of its supply is at the pin.
+pub const BRIDGE: Pin = pin('C', 0);
+
 /// The pin of an ADC channel; none for the internal ones.
 pub fn adc_pin(channel: u32) -> Option<Pin> {
     match channel as u8 {
@@ -88,6 +104,11 @@ pub struct External {
     pub valve_load: Option<f64>,
     /// How the converter differs from an ideal one.
     pub converter: Imperfection,
+    /// Time that the core's regulator takes to its voltage \[ns\]; none if it never gets there, as
+    /// without its capacitors.
+    pub regulator_ns: Option<u64>,
+    /// What is wrong with the bridge's converter; none if there is no such converter.
+    pub bridge_converter: Option<ConverterFaults>,
 }
 
 impl Default for External {
@@ -97,6 +118,8 @@ impl Default for External {
             levels: [[None; 16]; PORTS],
             valve_load: None,
             converter: Imperfection::default(),
+            regulator_ns: Some(REGULATOR_NS),
+            bridge_converter: None,
         }
     }
 }

@@ -25,6 +25,7 @@
 //! code are lower bounds; times that hardware determines (timers, conversions, bytes) are exact.
 
 mod adc;
+mod ads1220;
 mod board;
 mod chip;
 mod counters;
@@ -51,6 +52,7 @@ mod time;
 mod usart;
 
 pub use adc::Imperfection;
+pub use ads1220::ConverterFaults;
 pub use board::{Board, LinkByte, Reset};
 pub use chip::Chip;
 pub use cpu::ExceptionEvent;

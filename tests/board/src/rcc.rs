@@ -156,6 +156,11 @@ impl Rcc {
         }
     }
 
+    /// Whether the PLL is on.
+    pub fn is_pll_on(&self) -> bool {
+        self.words[CR / 4] & 1 << 24 != 0
+    }
+
     /// The reset flags, as RCC_CSR shows them.
     pub fn reset_flags(&self) -> u32 {
         self.words[CSR / 4] & 0xfe00_0000
@@ -199,8 +204,10 @@ impl Rcc {
         if index >= REGISTERS {
             return false;
         }
-        if index * 4 == PLLCFGR && self.words[CR / 4] & 1 << 24 != 0 {
-            cx.error("RCC: PLLCFGR written while the PLL is on: ignored");
+        if index * 4 == PLLCFGR && self.is_pll_on() {
+            if value != self.words[PLLCFGR / 4] {
+                cx.error("RCC: PLLCFGR written while the PLL is on: ignored");
+            }
             return false;
         }
         self.words[index] = match index * 4 {

@@ -2,6 +2,7 @@
 //! and the time of the next event. Independent of how instructions are executed.
 
 use crate::adc::{Adc, VREF_VOLTS, VREFINT_VOLTS};
+use crate::ads1220::{self, Ads1220, ConverterFaults};
 use crate::chip::Chip;
 use crate::counters::{CycleCounter, SysTick};
 use crate::dac::Dac;
@@ -27,6 +28,7 @@ const TIMER_IRQ: [u32; TIMERS] = [28, 29, 30, 50, 54, 55];
 const USART2_IRQ: u32 = 38;
 const ADC_IRQ: u32 = 18;
 const FLASH_IRQ: u32 = 4;
+const SPIS: [&str; 2] = ["SPI2", "SPI3"];
 /// Highest frequency at a pin of the lowest speed \[Hz\].
 const SLOW_PIN_HZ_MAX: u64 = 4_000_000;
 const DMA_IRQ: [[u32; 8]; 2] = [
@@ -47,7 +49,7 @@ enum Peripheral {
     Tim(usize),
     Iwdg,
     Usart2,
-    Spi2,
+    Spi(usize),
     Pwr,
     Dac,
     Adc,
@@ -67,7 +69,8 @@ fn peripheral_at(address: u32) -> Option<(Peripheral, Option<(Bus, u32)>)> {
             (Peripheral::Tim(index as usize), Some((Apb1, index)))
         }
         0x4000_3000 => (Peripheral::Iwdg, None),
-        0x4000_3800 => (Peripheral::Spi2, Some((Apb1, 14))),
+        0x4000_3800 => (Peripheral::Spi(0), Some((Apb1, 14))),
+        0x4000_3c00 => (Peripheral::Spi(1), Some((Apb1, 15))),
         0x4000_4400 => (Peripheral::Usart2, Some((Apb1, 17))),
         0x4000_7000 => (Peripheral::Pwr, Some((Apb1, 28))),
         0x4000_7400 => (Peripheral::Dac, Some((Apb1, 29))),
@@ -91,6 +94,7 @@ fn name(peripheral: Peripheral) -> String {
         Peripheral::Tim(index) => format!("TIM{}", index + 2),
         Peripheral::Gpio(port) => format!("GPIO{}", char::from(b'A' + port as u8)),
         Peripheral::Dma(index) => format!("DMA{}", index + 1),
+        Peripheral::Spi(index) => SPIS[index].into(),
         Peripheral::Adc => "ADC1".into(),
         Peripheral::Memory(name) => name.into(),
         peripheral => format!("{peripheral:?}").to_uppercase(),
@@ -151,9 +155,11 @@ pub struct Soc {
     tims: [Tim; TIMERS],
     adc: Adc,
     dac: Dac,
-    spi: Spi,
+    spis: [Spi; 2],
     /// The valve's converter, if the chip has none.
     mcp4922: Mcp4922,
+    /// The bridge's converter, if there is one.
+    ads1220: Ads1220,
     dma: [Dma; 2],
     usart: Usart,
     iwdg: Iwdg,
@@ -193,8 +199,9 @@ impl Soc {
             tims: std::array::from_fn(|i| Tim::new(i + 2, unit(clocks.timclk1_hz))),
             adc: Adc::new(unit(clocks.pclk2_hz)),
             dac: Dac::default(),
-            spi: Spi::new(unit(clocks.pclk1_hz)),
+            spis: SPIS.map(|name| Spi::new(name, unit(clocks.pclk1_hz))),
             mcp4922: Mcp4922::default(),
+            ads1220: Ads1220::default(),
             dma: [Dma::new(1), Dma::new(2)],
             usart: Usart::new(unit(clocks.pclk1_hz)),
             iwdg: Iwdg::new(rcc.oscillators().lsi_hz),
@@ -214,6 +221,7 @@ impl Soc {
         new.rcc.chip = self.chip;
         if cause != ResetCause::Power {
             new.mcp4922 = self.mcp4922;
+            new.ads1220 = self.ads1220;
         }
         // Only power-on resets the debug units.
         if cause != ResetCause::Power {
@@ -352,7 +360,9 @@ impl Soc {
             .for_each(|tim| tim.set_clock(now, unit(clocks.timclk1_hz)));
         self.adc.set_clock(unit(clocks.pclk2_hz));
         self.usart.set_clock(unit(clocks.pclk1_hz));
-        self.spi.set_clock(unit(clocks.pclk1_hz));
+        self.spis
+            .iter_mut()
+            .for_each(|spi| spi.set_clock(unit(clocks.pclk1_hz)));
         self.systick.set_clock(now, clocks.cycle());
         self.cycles.set_clock(now, clocks.cycle());
         self.cycle = clocks.cycle();
@@ -361,7 +371,7 @@ impl Soc {
     /// Checks voltage scale and wait states for the clock (RM0390 tables 6 and 18).
     fn check_clock(&mut self) {
         let hz = self.rcc.clocks.hclk_hz;
-        if hz > self.pwr.hclk_max_hz() {
+        if hz > self.pwr.hclk_max_hz(self.now) {
             self.error(format!(
                 "PWR: {hz} Hz needs another voltage scale or over-drive"
             ));
@@ -390,6 +400,9 @@ impl Soc {
             self.error(format!("ADC1: {pin} is converted, but it is not analog"));
             return 0.0;
         }
+        if let (true, Some(faults)) = (pin == gpio::BRIDGE, self.external.bridge_converter) {
+            return faults.bridge_volts / 2.0;
+        }
         if pin == gpio::VALVE {
             let volts = self.dac_volts(0).unwrap_or(0.0);
             return self.external.valve_load.unwrap_or(volts);
@@ -413,24 +426,71 @@ impl Soc {
         volts.map(|volts| volts * of_supply)
     }
 
-    fn write_spi(&mut self, offset: u32, value: u32) {
-        let word = self.with(|soc, cx| soc.spi.write(offset, value, cx));
-        let wired = [gpio::CONVERTER_CLOCK, gpio::CONVERTER_DATA];
-        let hz = self.spi.clock_hz();
-        for pin in wired.into_iter().filter(|_| word.is_some()) {
+    fn write_spi(&mut self, index: usize, offset: u32, value: u32) {
+        let word = self.with(|soc, cx| soc.spis[index].write(offset, value, cx));
+        let Some((word, bits)) = word else {
+            return;
+        };
+        let (wires, function) = [
+            ([gpio::CONVERTER_CLOCK, gpio::CONVERTER_DATA], 5),
+            ([gpio::BRIDGE_CLOCK, gpio::BRIDGE_DATA_IN], 6),
+        ][index];
+        let hz = self.spis[index].clock_hz();
+        for pin in wires {
             if self.gpio.is_slow(pin) && hz > SLOW_PIN_HZ_MAX {
-                self.error(format!("SPI2: {hz} Hz at {pin}, whose speed is low"));
+                let name = SPIS[index];
+                self.error(format!("{name}: {hz} Hz at {pin}, whose speed is low"));
             }
         }
-        let wired = wired.map(|pin| self.gpio.mode(pin) == Mode::Alternate(5));
-        if let (Some((word, bits)), [true, true]) = (word, wired) {
-            self.mcp4922.shift(word, bits);
+        if wires.map(|pin| self.gpio.mode(pin)) != [Mode::Alternate(function); 2] {
+            return;
+        }
+        match (index, self.external.bridge_converter) {
+            (0, _) => self.mcp4922.shift(word, bits),
+            (_, Some(faults)) => {
+                if (self.spis[1].mode(), bits) != (1, 8) || hz > ads1220::CLOCK_HZ_MAX {
+                    self.error("SPI3: an ADS1220 needs mode 1, bytes, and 6.67 MHz at most");
+                }
+                let byte = self.with(|soc, cx| soc.ads1220.exchange(word as u8, &faults, cx));
+                let read = self.gpio.mode(gpio::BRIDGE_DATA_OUT) == Mode::Alternate(6);
+                self.spis[1].reply = if read { byte.into() } else { 0 };
+            }
+            (_, None) => {}
         }
     }
 
-    fn select_converter(&mut self) {
+    /// What the outputs of the ports change at the converters.
+    fn select_converters(&mut self) {
         let select = self.gpio.output(gpio::CONVERTER_SELECT);
         self.mcp4922.select(select == Some(false));
+        if let Some(faults) = self.external.bridge_converter {
+            let select = self.gpio.output(gpio::BRIDGE_SELECT);
+            let pin = gpio::BRIDGE;
+            let volts = self.external.volts[usize::from(pin.port)][usize::from(pin.number)];
+            // To the middle of the count that the chip's converter would have, of which sixteen
+            // have 0x80 as the lowest byte of their sum.
+            let code = (volts / VREF_VOLTS * 4095.0 - 2048.0) * 1024.0 + 520.0;
+            let signal = code / (128.0 * 8_388_608.0);
+            let low = select == Some(false);
+            self.ads1220.select(low, self.now, &faults, signal);
+        }
+    }
+
+    /// Changes what is wrong with the bridge's converter.
+    pub fn set_converter_faults(&mut self, faults: ConverterFaults) {
+        if !faults.powered {
+            self.ads1220.switch_off();
+        }
+        self.external.bridge_converter = Some(faults);
+    }
+
+    /// Drives DRDY's pin.
+    fn drive_ready(&mut self) {
+        if let Some(faults) = self.external.bridge_converter {
+            let pin = gpio::BRIDGE_READY;
+            let high = self.ads1220.ready(self.now, &faults);
+            self.external.levels[usize::from(pin.port)][usize::from(pin.number)] = Some(high);
+        }
     }
 
     fn record_dac(&mut self) {
@@ -567,11 +627,14 @@ impl Soc {
             Peripheral::Tim(index) => self.tims[index].read(offset, self.now),
             Peripheral::Iwdg => self.iwdg.read(offset, self.now),
             Peripheral::Usart2 => self.usart.read(offset),
-            Peripheral::Spi2 => self.spi.read(offset, self.now),
-            Peripheral::Pwr => self.pwr.read(offset),
+            Peripheral::Spi(index) => self.spis[index].read(offset, self.now),
+            Peripheral::Pwr => self.pwr.read(offset, self.now),
             Peripheral::Dac => self.dac.read(offset),
             Peripheral::Adc => self.adc.read(offset),
-            Peripheral::Gpio(port) => self.gpio.read(port, offset, &self.external),
+            Peripheral::Gpio(port) => {
+                self.drive_ready();
+                self.gpio.read(port, offset, &self.external)
+            }
             Peripheral::Rcc => self.rcc.read(offset),
             Peripheral::Flash => self.flash.read(offset),
             Peripheral::Dma(index) => self.dma[index].read(offset),
@@ -598,13 +661,13 @@ impl Soc {
             }
             Peripheral::Iwdg => self.iwdg.write(offset, value, self.now),
             Peripheral::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
-            Peripheral::Spi2 => self.write_spi(offset, value),
+            Peripheral::Spi(index) => self.write_spi(index, offset, value),
             Peripheral::Pwr => self.pwr.write(offset, value),
             Peripheral::Dac => self.with(|soc, cx| soc.dac.write(offset, value, cx)),
             Peripheral::Adc => self.with(|soc, cx| soc.adc.write(offset, value, cx)),
             Peripheral::Gpio(port) => {
                 self.gpio.write(port, offset, value);
-                self.select_converter();
+                self.select_converters();
             }
             Peripheral::Rcc => self.write_rcc(offset, value),
             Peripheral::Flash => self.with(|soc, cx| soc.flash.write(offset, value, cx)),
@@ -632,6 +695,8 @@ impl Soc {
         if self.with(|soc, cx| soc.rcc.write(offset, value, cx)) {
             self.set_clocks(self.rcc.clocks);
         }
+        let (pll_on, regulator_ns) = (self.rcc.is_pll_on(), self.external.regulator_ns);
+        self.pwr.set_pll(pll_on, regulator_ns, self.now);
         let unit = |hz| period(hz).0;
         let clocks = self.rcc.clocks;
         let bits = |range: std::ops::Range<u32>| range.filter(move |bit| value >> bit & 1 != 0);
@@ -647,7 +712,10 @@ impl Soc {
                     let number = bit as usize + 2;
                     self.tims[bit as usize] = Tim::new(number, unit(clocks.timclk1_hz));
                 });
-                bits(14..15).for_each(|_| self.spi = Spi::new(unit(clocks.pclk1_hz)));
+                bits(14..16).for_each(|bit| {
+                    let index = bit as usize - 14;
+                    self.spis[index] = Spi::new(SPIS[index], unit(clocks.pclk1_hz));
+                });
                 bits(17..18).for_each(|_| self.usart = Usart::new(unit(clocks.pclk1_hz)));
                 bits(28..29).for_each(|_| self.pwr = Pwr::new(self.chip));
                 bits(29..30).for_each(|_| self.dac = Dac::default());

@@ -1,4 +1,4 @@
-//! SPI2 as a master (RM0383 chapter 20), and the MCP4922 at it (datasheet DS22250).
+//! SPI2 and SPI3 as masters (RM0383 chapter 20), and the MCP4922 at SPI2 (datasheet DS22250).
 
 use crate::adc::VREF_VOLTS;
 use crate::errors::Context;
@@ -14,6 +14,7 @@ const BSY: u32 = 1 << 7;
 
 /// The registers. Words take their time; there is no second one in the buffer.
 pub struct Spi {
+    name: &'static str,
     cr1: u32,
     cr2: u32,
     unit: Time,
@@ -21,18 +22,22 @@ pub struct Spi {
     done_at: Time,
     received: bool,
     overrun: bool,
+    /// The word that MISO sends.
+    pub reply: u32,
 }
 
 impl Spi {
     /// The state after a reset, on a bus with this period.
-    pub fn new(unit: Time) -> Spi {
+    pub fn new(name: &'static str, unit: Time) -> Spi {
         Spi {
+            name,
             cr1: 0,
             cr2: 0,
             unit,
             done_at: NEVER,
             received: false,
             overrun: false,
+            reply: 0,
         }
     }
 
@@ -49,6 +54,11 @@ impl Spi {
     /// Frequency of SCK \[Hz\].
     pub fn clock_hz(&self) -> u64 {
         UNITS_PER_S / self.clock()
+    }
+
+    /// Polarity and phase, as the number of the mode.
+    pub fn mode(&self) -> u32 {
+        (self.cr1 & 2) | (self.cr1 & 1)
     }
 
     fn update(&mut self, now: Time) {
@@ -79,10 +89,9 @@ impl Spi {
                     .map(|(_, flag)| flag)
                     .sum()
             }
-            // MISO is not connected.
             0x0c => {
                 self.received = false;
-                0
+                self.reply
             }
             _ => 0,
         }
@@ -95,9 +104,14 @@ impl Spi {
             0x00 => self.cr1 = value,
             0x04 => self.cr2 = value,
             0x0c if self.cr1 & (SPE | MSTR) != SPE | MSTR => {
-                cx.error("SPI2: data written while it is not a master that is on");
+                cx.error(format!(
+                    "{}: data written while it is not a master that is on",
+                    self.name
+                ));
             }
-            0x0c if self.done_at != NEVER => cx.error("SPI2: data written while a word is sent"),
+            0x0c if self.done_at != NEVER => {
+                cx.error(format!("{}: data written while a word is sent", self.name));
+            }
             0x0c => {
                 let bits = if self.cr1 & DFF != 0 { 16 } else { 8 };
                 self.done_at = cx.now + self.clock() * Time::from(bits);
@@ -175,7 +189,7 @@ mod tests {
 
     #[test]
     fn word_takes_its_time_and_a_second_one_too_early_is_an_error() {
-        let (mut spi, mut errors) = (Spi::new(10), Errors::default());
+        let (mut spi, mut errors) = (Spi::new("SPI2", 10), Errors::default());
         spi.write(0, SPE | MSTR | 1 << 3, &mut test_context(&mut errors, 0));
         let out = spi.write(0x0c, 0x1aa, &mut test_context(&mut errors, 0));
         assert_eq!(out, Some((0xaa, 8)));

@@ -13,11 +13,19 @@ use model_core::signal::{AdcCount, EncoderCount};
 use model_core::store::{self, SLOT_LEN};
 use model_core::timing::Timing;
 use serde::ser::{Serialize, SerializeTuple, Serializer};
+use std::io::{Cursor, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// The target of that name.
 pub fn target(name: &str) -> Option<fn(&[u8])> {
     match name {
         "import" => Some(import),
+        "import-hdf5" => Some(import_hdf5),
+        "import-log" => Some(import_log),
+        "import-matlab" => Some(import_matlab),
+        "import-ros" => Some(import_ros),
+        "import-sheet" => Some(import_sheet),
         "link" => Some(link),
         "mcap" => Some(mcap),
         "pipe" => Some(pipe),
@@ -135,13 +143,15 @@ pub fn record(bytes: &[u8]) {
     }
 }
 
-/// Files of other programs, read with the mapping that their first byte chooses: a record, which is
-/// read again, or one line that says what is wrong.
+/// CSV files of other programs, read with the mapping that their first byte chooses.
 pub fn import(bytes: &[u8]) {
-    let Some((choice, file)) = bytes.split_first() else {
-        return;
-    };
-    let map = &IMPORT_MAPS[usize::from(*choice) % IMPORT_MAPS.len()];
+    if let Some((choice, file)) = bytes.split_first() {
+        imported(IMPORT_MAPS[usize::from(*choice) % IMPORT_MAPS.len()], file);
+    }
+}
+
+/// A record, which is read again, or one line that says what is wrong.
+fn imported(map: &str, file: &[u8]) {
     let map = Map::parse("map.toml", map).expect("a mapping");
     match map.import("file", file) {
         Ok(imported) => {
@@ -152,6 +162,109 @@ pub fn import(bytes: &[u8]) {
         Err(bad) => assert_eq!(bad.to_string().lines().count(), 1),
     }
 }
+
+/// MATLAB 5 files without their header, which is always the same.
+pub fn import_matlab(bytes: &[u8]) {
+    let mut file = b"MATLAB 5.0".to_vec();
+    file.resize(124, b' ');
+    file.extend([0, 1, b'I', b'M']);
+    file.extend(bytes);
+    imported(IMPORT_MAPS[0], &file);
+}
+
+/// HDF5 files. The command reads them in a process with limits; here are small ones only.
+pub fn import_hdf5(bytes: &[u8]) {
+    if bytes.starts_with(b"\x89HDF") {
+        imported(IMPORT_MAPS[0], bytes);
+    }
+}
+
+/// MCAP files: all of their bytes, or the records behind the signature.
+pub fn import_log(bytes: &[u8]) {
+    let signature = b"\x89MCAP0\r\n";
+    if bytes.starts_with(signature) {
+        imported(LOG_MAP, bytes);
+    } else {
+        imported(LOG_MAP, &[signature, bytes].concat());
+    }
+}
+
+/// A definition and messages of ROS 2, apart by zeros, in a sound log.
+pub fn import_ros(bytes: &[u8]) {
+    let end = bytes
+        .iter()
+        .position(|byte| *byte == 0)
+        .unwrap_or(bytes.len());
+    let (definition, rest) = bytes.split_at(end);
+    let mut log = b"\x89MCAP0\r\n".to_vec();
+    let text = |text: &[u8]| [&(text.len() as u32).to_le_bytes()[..], text].concat();
+    let mut record = |kind: u8, parts: &[&[u8]]| {
+        let parts = parts.concat();
+        log.push(kind);
+        log.extend((parts.len() as u64).to_le_bytes());
+        log.extend(parts);
+    };
+    record(
+        3,
+        &[&[1, 0], &text(b"a/B"), &text(b"ros2msg"), &text(definition)],
+    );
+    record(4, &[&[1, 0, 1, 0], &text(b"/t"), &text(b"cdr"), &text(b"")]);
+    for (time, message) in rest.chunks(32).enumerate() {
+        // A little-endian one of the file's bytes.
+        let times = (time as u64).to_le_bytes();
+        record(
+            5,
+            &[&[1, 0, 0, 0, 0, 0], &times, &times, &[0, 1, 0, 0], message],
+        );
+    }
+    imported(LOG_MAP, &log);
+}
+
+/// Workbooks whose parts are the bytes between zeros: relations, workbook, sheet, texts, styles.
+pub fn import_sheet(bytes: &[u8]) {
+    const PARTS: [(&str, &[u8]); 5] = [
+        ("xl/worksheets/sheet1.xml", b""),
+        ("xl/sharedStrings.xml", b"<sst></sst>"),
+        ("xl/styles.xml", b"<styleSheet></styleSheet>"),
+        (
+            "xl/workbook.xml",
+            b"<workbook><sheets><sheet name=\"a\" sheetId=\"1\" r:id=\"r1\"/></sheets></workbook>",
+        ),
+        (
+            "xl/_rels/workbook.xml.rels",
+            b"<Relationships><Relationship Id=\"r1\" Type=\"http://schemas.openxmlformats.org/\
+              officeDocument/2006/relationships/worksheet\" Target=\"worksheets/sheet1.xml\"/>\
+              </Relationships>",
+        ),
+    ];
+    const RELATIONS: &[u8] = b"<Relationships><Relationship Id=\"r1\" Type=\"http://schemas.\
+        openxmlformats.org/officeDocument/2006/relationships/officeDocument\" \
+        Target=\"xl/workbook.xml\"/></Relationships>";
+    let mut given = bytes.split(|byte| *byte == 0);
+    let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let mut part = |name: &str, bytes: &[u8]| {
+        zip.start_file(name, options).expect("memory");
+        zip.write_all(bytes).expect("memory");
+    };
+    part("[Content_Types].xml", b"<Types/>");
+    part("_rels/.rels", RELATIONS);
+    for (name, usual) in PARTS {
+        part(
+            name,
+            given
+                .next()
+                .filter(|bytes| !bytes.is_empty())
+                .unwrap_or(usual),
+        );
+    }
+    let file = zip.finish().expect("memory").into_inner();
+    imported(IMPORT_MAPS[2], &file);
+}
+
+/// Of a log with one topic.
+const LOG_MAP: &str = "[time]\ncolumn = \"log_time_s\"\nunit = \"s\"\nrepeated = \"spread\"\n\
+     [columns.force_n]\ncolumn = \"a\"\nunit = \"N\"\n";
 
 /// Of MATLAB's variables, of the example, and of a CSV file whose clock restarts.
 const IMPORT_MAPS: [&str; 3] = [

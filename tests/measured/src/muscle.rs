@@ -197,7 +197,7 @@ impl Set {
         let full = run(&[])?;
         let spent_s = begin.elapsed().as_secs_f64();
         let alone = run(&everything)?;
-        let of = |from: &Diagnosed| from.diagnosis.gap.get(FORCE_N).copied();
+        let of = |from: &Diagnosed| from.diagnosis.gap_of(FORCE_N).copied();
         let (Some(gap), Some(gap_alone)) = (of(&full), of(&alone)) else {
             return Err(rig.bad_file("records with a force"));
         };

@@ -65,6 +65,8 @@ pub struct Gap {
     pub after: f64,
     /// Noise floor estimated from the data.
     pub noise: f64,
+    /// Share of the gap above the noise that is removed, if the diagnosis has it.
+    pub removed: Option<f64>,
 }
 
 /// A remaining residual.
@@ -92,8 +94,6 @@ pub struct Diagnosis {
     pub remaining: Remaining,
     /// The recommended experiment.
     pub next_experiment: String,
-    /// Share of the misfit above the noise that the effects explain, if present.
-    pub share: Option<f64>,
     /// The posterior over sets of effects; from schema 2 on.
     #[serde(default)]
     pub hypotheses: Vec<Hypothesis>,
@@ -104,6 +104,12 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// The least share of a gap above the noise that is removed, over all signals that have one.
+    pub fn removed_least(&self) -> Option<f64> {
+        let removed = self.gap.values().filter_map(|gap| gap.removed);
+        removed.min_by(f64::total_cmp)
+    }
+
     /// Reads a diagnosis.
     ///
     /// # Errors

@@ -56,7 +56,7 @@ pub struct Scored {
     pub outcome: Outcome,
     /// Why there is no diagnosis.
     pub fault: Option<String>,
-    /// Share of what is above the noise that the effects explain, by the diagnosis itself.
+    /// Least share of a signal's gap above the noise that is removed, by the diagnosis itself.
     pub share_explained: Option<f64>,
     /// Share of the gap above the noise that is gone on the validation records.
     pub share_validation: Option<f64>,
@@ -215,7 +215,7 @@ impl Scored {
             column: column(diagnosis),
             outcome,
             fault: case.diagnosis.as_ref().err().cloned(),
-            share_explained: diagnosis.and_then(|d| d.share),
+            share_explained: diagnosis.and_then(Diagnosis::removed_least),
             share_validation: share(validation),
             share_unseen: share(run.unseen.as_ref().ok()),
             share_by_signal: answer.noise.keys().filter_map(of_signal).collect(),

@@ -24,7 +24,7 @@ pub struct Without {
     pub no_answer: Rate,
     /// An effect is named.
     pub misnamed: Rate,
-    /// The same, and according to the diagnosis no misfit above the noise remains.
+    /// The same, and according to the diagnosis no signal has a gap above the noise left.
     pub to_the_noise: Rate,
     /// The results by case.
     pub said: Vec<(String, String)>,

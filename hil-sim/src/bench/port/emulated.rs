@@ -139,8 +139,7 @@ const TARGET: &str = "thumbv7em-none-eabihf";
 const HOW_FIRMWARE: &str = "the firmware's ELF, found none: build it with `cargo firmware` \
     (docs/wiring.md), or set FIRMWARE to its path";
 const HOW_PROGRAM: &str = "the emulated board's program, found none: build it with \
-    `cargo build --release --manifest-path tests/board/Cargo.toml`, or set EMULATED_BOARD to its \
-    path";
+    scripts/emulated-hil.sh (tests/board/README.md), or set EMULATED_BOARD to its path";
 
 /// The firmware's ELF and the emulated board's program: as the variables FIRMWARE and
 /// EMULATED_BOARD name them, else where cargo puts them.

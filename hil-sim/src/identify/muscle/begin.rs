@@ -11,7 +11,7 @@
 //!
 //! All of it is estimated from each record, the predicted ones too, and counts by how likely it is.
 
-use super::force::Forces;
+use super::force::{ForceRange, Forces};
 use model_discrepancy::least_squares::{Linearized, Residuals, Slopes};
 use nalgebra::{DMatrix, DVector};
 
@@ -33,7 +33,7 @@ pub(super) fn begun_best(
     forces: &Forces,
     fading: &[Vec<f64>],
     mut zeros: Vec<Vec<f64>>,
-    residuals: impl Fn(&[(f64, f64)]) -> Option<Residuals>,
+    residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
 ) -> Option<Residuals> {
     let likely = |n: &Vec<f64>| n.iter().map(|n| SPREAD * n).collect::<Vec<f64>>();
     zeros.extend(fading.iter().map(likely));

@@ -41,22 +41,23 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
     };
     let rows = about_rows(record.measured.time_s(), &intervals);
     record.between_pa = rows.iter().map(|row| row.bow_pa).collect();
-    let contraction = record.measured.column(CONTRACTION).unwrap_or_default();
-    for place in &mut record.places {
-        let muscle = &rig.nominal.muscle;
-        let per_pressure_m2 = muscle.force_per_pressure_m2(contraction[place.kernel.middle()]);
-        let own = place
-            .kernel
-            .value
-            .iter()
-            .zip(&rows[place.kernel.rows.clone()]);
-        let doubt_pa: f64 = own.map(|(weight, row)| weight * row.doubt_pa).sum();
-        place.per_noise = place
-            .per_noise
-            .recip()
-            .hypot(per_pressure_m2 * doubt_pa)
-            .recip();
-    }
+    let Load::Weight(weight) = rig.nominal.load else {
+        return;
+    };
+    let doubted = std::mem::take(&mut record.places)
+        .into_iter()
+        .map(|mut place| {
+            let own = place
+                .kernel
+                .value
+                .iter()
+                .zip(&rows[place.kernel.rows.clone()]);
+            let doubt_pa: f64 = own.map(|(weight, row)| weight * row.doubt_pa).sum();
+            place.pressure_doubt_pa = place.pressure_doubt_pa.hypot(doubt_pa);
+            record.weighed(rig, &weight, place)
+        });
+    let doubted = doubted.collect();
+    record.places = doubted;
 }
 
 /// The mean of both intervals beside each row.

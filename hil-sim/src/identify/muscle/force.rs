@@ -3,15 +3,19 @@
 use crate::identify::inputs::Inputs;
 use crate::record::Record;
 use crate::rig::Rig;
+use model_core::pressure::GaugePa;
 use muscle_plant::effects::Observation;
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
+use muscle_plant::subsystem::sensors::Reading;
 use muscle_plant::subsystem::term::Update;
 use std::borrow::Cow;
 use std::ops::Range;
 
 /// States that differ by less are the same.
 const SAME: f64 = 1e-8;
+/// Change of the pressure's reading from which the slope of the force is taken \[Pa\].
+const PRESSURE_STEP_PA: f64 = 100.0;
 
 /// Which force.
 #[derive(Clone, Copy)]
@@ -20,6 +24,15 @@ pub(super) enum Force {
     Read,
     /// That which the muscle has.
     True,
+}
+
+/// The force that a muscle may have at a row.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ForceRange {
+    pub(super) least_n: f64,
+    pub(super) most_n: f64,
+    /// Its slope by the pressure's reading \[m²\]; 0 where the force itself is read.
+    pub(super) per_pressure_m2: f64,
 }
 
 /// A muscle that is driven through a record.
@@ -34,7 +47,16 @@ struct Driven<'a> {
 /// Forces \[N\], row by row, of a muscle that began with its memory at −1 and at 1.
 struct Ends {
     forces_n: [Vec<f64>; 2],
+    per_pressure_m2: Vec<f64>,
     /// From this row on they are the same: the begin is forgotten.
+    met: usize,
+}
+
+/// Forces \[N\] and, of the first, slopes by the pressure's reading \[m²\], row by row, of a muscle
+/// with several begins.
+struct Ran<const N: usize> {
+    forces_n: [Vec<f64>; N],
+    per_pressure_m2: Vec<f64>,
     met: usize,
 }
 
@@ -44,16 +66,23 @@ pub(super) struct Forces<'a>(Vec<Driven<'a>>);
 /// The same from either end of what its memory may be at the begin.
 pub(super) struct ForceEnds(Vec<Ends>);
 
-/// The least and the most of forces, row by row \[N\].
-fn spanned(mut all: impl Iterator<Item = Option<Vec<f64>>>) -> Option<Vec<(f64, f64)>> {
-    let first = all.next()??.into_iter();
-    let mut spans: Vec<(f64, f64)> = first.map(|n| (n, n)).collect();
-    for forces_n in all {
-        for (span, n) in spans.iter_mut().zip(forces_n?) {
-            *span = (span.0.min(n), span.1.max(n));
+/// The least and the most of forces \[N\], row by row, each with its slopes by pressure \[m²\].
+fn spanned(mut all: impl Iterator<Item = Option<(Vec<f64>, Vec<f64>)>>) -> Option<Vec<ForceRange>> {
+    let (first_n, slopes_m2) = all.next()??;
+    let range = |(n, per_pressure_m2): (f64, f64)| ForceRange {
+        least_n: n,
+        most_n: n,
+        per_pressure_m2,
+    };
+    let mut ranges: Vec<ForceRange> = first_n.into_iter().zip(slopes_m2).map(range).collect();
+    for own in all {
+        let (forces_n, _) = own?;
+        for (range, n) in ranges.iter_mut().zip(forces_n) {
+            range.least_n = range.least_n.min(n);
+            range.most_n = range.most_n.max(n);
         }
     }
-    Some(spans)
+    Some(ranges)
 }
 
 impl<'a> Forces<'a> {
@@ -64,7 +93,7 @@ impl<'a> Forces<'a> {
     }
 
     /// Settled at the begin.
-    pub(super) fn settled_n(&self) -> Option<Vec<(f64, f64)>> {
+    pub(super) fn settled_n(&self) -> Option<Vec<ForceRange>> {
         spanned(self.0.iter().map(Driven::settled_n))
     }
 
@@ -75,7 +104,7 @@ impl<'a> Forces<'a> {
     }
 
     /// With the memory at this share between `ends` at the begin.
-    pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<(f64, f64)>> {
+    pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<ForceRange>> {
         let pairs = self.0.iter().zip(&ends.0);
         spanned(pairs.map(|(driven, ends)| driven.between_n(ends, share)))
     }
@@ -98,8 +127,9 @@ impl<'a> Forces<'a> {
 
 impl ForceEnds {
     /// From −1 (0) or from 1 (1).
-    pub(super) fn forces_n(&self, end: usize) -> Option<Vec<(f64, f64)>> {
-        spanned(self.0.iter().map(|ends| Some(ends.forces_n[end].clone())))
+    pub(super) fn forces_n(&self, end: usize) -> Option<Vec<ForceRange>> {
+        let of = |ends: &Ends| (ends.forces_n[end].clone(), ends.per_pressure_m2.clone());
+        spanned(self.0.iter().map(|ends| Some(of(ends))))
     }
 }
 
@@ -125,21 +155,36 @@ impl<'a> Driven<'a> {
         })
     }
 
-    fn settled_n(&self) -> Option<Vec<f64>> {
-        let ([forces_n], _) = self.forces_n([None], self.inputs.time_s.len())?;
-        Some(forces_n)
+    fn settled_n(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+        let Ran {
+            forces_n: [forces_n],
+            per_pressure_m2,
+            ..
+        } = self.forces_n([None], self.inputs.time_s.len())?;
+        Some((forces_n, per_pressure_m2))
     }
 
     fn ends(&self) -> Option<Ends> {
         let begins = [Some(-1.0), Some(1.0)];
-        let (forces_n, met) = self.forces_n(begins, self.inputs.time_s.len())?;
-        Some(Ends { forces_n, met })
+        let Ran {
+            forces_n,
+            per_pressure_m2,
+            met,
+        } = self.forces_n(begins, self.inputs.time_s.len())?;
+        Some(Ends {
+            forces_n,
+            per_pressure_m2,
+            met,
+        })
     }
 
-    fn between_n(&self, ends: &Ends, share: f64) -> Option<Vec<f64>> {
-        let ([mut forces_n], _) = self.forces_n([Some(share)], ends.met)?;
+    fn between_n(&self, ends: &Ends, share: f64) -> Option<(Vec<f64>, Vec<f64>)> {
+        let Ran {
+            forces_n: [mut forces_n],
+            ..
+        } = self.forces_n([Some(share)], ends.met)?;
         forces_n.extend(&ends.forces_n[0][ends.met..]);
-        Some(forces_n)
+        Some((forces_n, ends.per_pressure_m2.clone()))
     }
 
     fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
@@ -194,14 +239,37 @@ impl<'a> Driven<'a> {
         Some(())
     }
 
+    /// The force that is asked for, of the muscle in `state` \[N\].
+    fn force_n(&self, time_s: f64, state: &[f64]) -> f64 {
+        match self.force {
+            Force::Read => self.plant.read(time_s, &Drive::default(), state).force_n,
+            Force::True => self.plant.force_n(time_s, state),
+        }
+    }
+
+    /// What a change of the pressure's reading makes of the force of the muscle in `state` \[m²\].
+    fn per_pressure_m2(&self, time_s: f64, state: &mut [f64], force_n: f64) -> f64 {
+        let pressure_pa = state[PRESSURE];
+        let truth_pa = |pressure_pa| {
+            let reading = Reading {
+                pressure: GaugePa(pressure_pa),
+                contraction: state[CONTRACTION],
+                force_n: 0.0,
+            };
+            self.plant.sensors.truth(time_s, reading).pressure.0
+        };
+        let step_pa = truth_pa(PRESSURE_STEP_PA) - truth_pa(0.0);
+        state[PRESSURE] = pressure_pa + step_pa;
+        let slope_m2 = (self.force_n(time_s, state) - force_n) / PRESSURE_STEP_PA;
+        state[PRESSURE] = pressure_pa;
+        slope_m2
+    }
+
     /// Forces in the first rows from several begins, settled or leaning by a share, and from which
     /// row on all are the same.
-    fn forces_n<const N: usize>(
-        &self,
-        begins: [Option<f64>; N],
-        rows: usize,
-    ) -> Option<([Vec<f64>; N], usize)> {
+    fn forces_n<const N: usize>(&self, begins: [Option<f64>; N], rows: usize) -> Option<Ran<N>> {
         let Driven { plant, inputs, .. } = self;
+        let mut per_pressure_m2 = Vec::with_capacity(rows);
         let mut states = [(); N].map(|()| vec![0.0; plant.states()]);
         let mut forces_n = [(); N].map(|()| Vec::with_capacity(inputs.time_s.len()));
         let mut met = inputs.time_s.len();
@@ -210,11 +278,10 @@ impl<'a> Driven<'a> {
             let apart = if row < met { N } else { 1 };
             self.advance(row, &mut states[..apart], begins)?;
             for (forces_n, state) in forces_n.iter_mut().zip(&states[..apart]) {
-                forces_n.push(match self.force {
-                    Force::Read => plant.read(time_s, &Drive::default(), state).force_n,
-                    Force::True => plant.force_n(time_s, state),
-                });
+                forces_n.push(self.force_n(time_s, state));
             }
+            let force_n = forces_n[0][row];
+            per_pressure_m2.push(self.per_pressure_m2(time_s, &mut states[0], force_n));
             let near = |(a, b): (&f64, &f64)| (a - b).abs() < SAME;
             let same = |pair: &[Vec<f64>]| pair[0].iter().zip(&pair[1]).all(near);
             if N > 1 && row < met && states.windows(2).all(same) {
@@ -226,7 +293,11 @@ impl<'a> Driven<'a> {
                 other.extend(&first[other.len()..]);
             }
         }
-        Some((forces_n, met))
+        Some(Ran {
+            forces_n,
+            per_pressure_m2,
+            met,
+        })
     }
 }
 
@@ -259,11 +330,30 @@ mod tests {
             assert!((10..400).contains(&ends.met), "{form}: {}", ends.met);
             assert!(ends.forces_n[0][0] - ends.forces_n[1][0] > 10.0);
             let between_n = driven.between_n(&ends, 0.3).expect("forces");
-            let ([whole_n], _) = driven.forces_n([Some(0.3)], 1000).expect("forces");
-            assert_eq!(between_n.len(), 1000);
-            for (a, b) in between_n.iter().zip(&whole_n) {
+            let ran = driven.forces_n([Some(0.3)], 1000).expect("forces");
+            assert_eq!(between_n.0.len(), 1000);
+            for (a, b) in between_n.0.iter().zip(&ran.forces_n[0]) {
                 assert!((a - b).abs() < 1e-4, "{form}: {a}, {b}");
             }
         }
+    }
+
+    /// Of the nominal muscle, the law's own; a sensor that reads too much makes less of a reading.
+    #[test]
+    fn a_force_depends_on_the_reading_of_the_pressure() {
+        let mut record = Record::new(vec![0.0, 0.01]);
+        record.set(CONTRACTION, vec![0.1, 0.1]);
+        record.set(PRESSURE_PA, vec![2e5, 2e5]);
+        let slope_m2 = |effect: &str| {
+            let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
+            let driven = Driven::new(&rig.expect("a rig"), &record, Force::True).expect("driven");
+            driven.settled_n().expect("forces").1[1]
+        };
+        let nominal_m2 = Rig::reference().nominal.muscle.force_per_pressure_m2(0.1);
+        // The law is linear in pressure.
+        assert!((slope_m2("") / nominal_m2 - 1.0).abs() < 1e-9);
+        let gain = "[[effect]]\nname = \"pressure-sensor-gain\"\nform = \"proportional\"\n\
+                    gain_error = 0.25\n";
+        assert!((slope_m2(gain) * 1.25 / nominal_m2 - 1.0).abs() < 1e-9);
     }
 }

@@ -102,8 +102,10 @@ struct Common<'a> {
 /// One place where the balance of forces is looked at.
 pub(super) struct Place {
     pub(super) kernel: Kernel,
-    /// One over the standard deviation of the balance's noise \[1/N\].
+    /// One over the standard deviation of the nominal balance's noise \[1/N\].
     pub(super) per_noise: f64,
+    /// How far the mean pressure may be from that of straight lines between the rows \[Pa\].
+    pub(super) pressure_doubt_pa: f64,
     /// How much curvature a dip makes at most, per way that the muscle goes back in it \[1/s²\].
     pub(super) dip_per_s2: f64,
 }
@@ -169,6 +171,10 @@ pub(super) struct Prepared {
     pub(super) force_rows: Vec<usize>,
     /// Of each row that is compared: one over the standard deviation of the force's noise \[1/N\].
     pub(super) per_force_noise: Vec<f64>,
+    /// What the force is off from run to run \[N\]; 0 where that is not known.
+    repeatability_n: f64,
+    /// The balance takes the force as it is read.
+    force_read: bool,
     /// What the sensors of pressure \[Pa\] and force \[N\] can read at all.
     pub(super) pressure_span: Span,
     pub(super) force_span: Span,
@@ -314,6 +320,8 @@ impl Prepared {
             gas_rows: Vec::new(),
             force_rows: Vec::new(),
             per_force_noise: Vec::new(),
+            repeatability_n: 0.0,
+            force_read: common.force_read,
             pressure_span: Span::of(checked, PRESSURE_PA),
             force_span: Span::of(checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
@@ -353,7 +361,7 @@ impl Prepared {
             })
             .collect();
         prepared.directions = surely;
-        prepared.places(rig, &weight, common.force_read);
+        prepared.places(rig, &weight);
         prepared.stops(rig, &weight);
         Ok(prepared)
     }
@@ -378,14 +386,20 @@ impl Prepared {
             let known = |row: &usize| !span.clips(read_pa[*row]) && !left_out(*row);
             self.force_rows.retain(known);
         }
+        self.repeatability_n = repeatability_n;
         let per_noise = |row: &usize| {
             let per_pressure_m2 = rig.nominal.muscle.force_per_pressure_m2(contraction[*row]);
-            let noise_n = (per_pressure_m2 * self.noise.pressure_pa)
-                .hypot(self.noise.force_n)
-                .hypot(FORCE_FLOOR_N.max(repeatability_n));
-            noise_n.recip()
+            self.force_noise_n(per_pressure_m2).recip()
         };
         self.per_force_noise = self.force_rows.iter().map(per_noise).collect();
+    }
+
+    /// Standard deviation of how far the force of a muscle whose force depends on pressure by this
+    /// slope is from what is read \[N\].
+    pub(super) fn force_noise_n(&self, per_pressure_m2: f64) -> f64 {
+        (per_pressure_m2 * self.noise.pressure_pa)
+            .hypot(self.noise.force_n)
+            .hypot(FORCE_FLOOR_N.max(self.repeatability_n))
     }
 
     /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
@@ -445,7 +459,7 @@ impl Prepared {
     }
 
     /// Where the balance of the load is looked at: away from ends, gaps and the stop.
-    fn places(&mut self, rig: &Rig, weight: &Weight, force_read: bool) {
+    fn places(&mut self, rig: &Rig, weight: &Weight) {
         let time_s = self.measured.time_s();
         let (Some(contraction), Some(pressure_pa)) = (
             self.measured.column(CONTRACTION),
@@ -486,12 +500,14 @@ impl Prepared {
         });
         let mut kernels: Vec<Kernel> = wide.chain(narrow).collect();
         kernels.sort_by_key(Kernel::middle);
-        let places = kernels.into_iter().map(|kernel| Place {
-            per_noise: self
-                .balance_noise_n(rig, weight, &kernel, force_read)
-                .recip(),
-            dip_per_s2: self.dip_per_s2(&kernel),
-            kernel,
+        let places = kernels.into_iter().map(|kernel| {
+            let place = Place {
+                per_noise: 0.0,
+                pressure_doubt_pa: self.bent_pa(&kernel),
+                dip_per_s2: self.dip_per_s2(&kernel),
+                kernel,
+            };
+            self.weighed(rig, weight, place)
         });
         self.places = places.collect();
     }
@@ -508,50 +524,72 @@ impl Prepared {
         up.max(down)
     }
 
-    /// Standard deviation of the noise of the balance of forces through `kernel` \[N\]: with the
-    /// muscle's force as it is read, or as pressure and contraction make it.
-    fn balance_noise_n(
+    /// `place` with how well its nominal balance is known.
+    pub(super) fn weighed(&self, rig: &Rig, weight: &Weight, place: Place) -> Place {
+        let column = |name| self.measured.column(name).unwrap_or_default();
+        let muscle = &rig.nominal.muscle;
+        let per_pressure_m2 = if self.force_read {
+            0.0
+        } else {
+            muscle.force_per_pressure_m2(column(CONTRACTION)[place.kernel.middle()])
+        };
+        let noise_n = self.balance_noise_n(rig, weight, &place, per_pressure_m2);
+        Place {
+            per_noise: noise_n.recip(),
+            ..place
+        }
+    }
+
+    /// Standard deviation of the noise of the balance of forces at `place` \[N\]: with the muscle's
+    /// force as it is read, or as pressure and contraction make it.
+    pub(super) fn balance_noise_n(
         &self,
         rig: &Rig,
         weight: &Weight,
-        kernel: &Kernel,
-        force_read: bool,
+        place: &Place,
+        per_pressure_m2: f64,
     ) -> f64 {
         let column = |name| self.measured.column(name).unwrap_or_default();
         let (contraction, pressure_pa) = (column(CONTRACTION), column(PRESSURE_PA));
+        let kernel = &place.kernel;
         let middle = kernel.middle();
         let (at, pressure) = (contraction[middle], GaugePa(pressure_pa[middle]));
         let muscle = &rig.nominal.muscle;
-        let per_pressure_m2 = muscle.force_per_pressure_m2(at);
-        let (force_noise_n, stiffness_n) = if force_read {
+        let (force_noise_n, stiffness_n) = if self.force_read {
             (self.noise.force_n, 0.0)
         } else {
             let noise_n = per_pressure_m2 * self.noise.pressure_pa;
             (noise_n, muscle.stiffness_n(at, pressure))
         };
         let length_m = muscle.initial_length_m;
-        let by_contraction: Vec<f64> = (0..kernel.rows.len())
-            .map(|i| {
-                stiffness_n * kernel.value[i]
-                    + weight.mass_kg * length_m * kernel.second[i]
-                    + weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
-            })
-            .collect();
-        let from_force_n = force_noise_n * norm(&kernel.value);
-        let from_contraction_n = self.noise.contraction * norm(&by_contraction);
-        // Between samples the pressure is taken to be straight.
+        let by_contraction = (0..kernel.rows.len()).map(|i| {
+            stiffness_n * kernel.value[i]
+                + weight.mass_kg * length_m * kernel.second[i]
+                + weight.viscous_damping_ns_per_m * length_m * kernel.first[i]
+        });
+        let from_contraction_n =
+            self.noise.contraction * by_contraction.map(|n| n * n).sum::<f64>().sqrt();
+        let per_pressure_m2 = if self.force_read {
+            muscle.force_per_pressure_m2(at)
+        } else {
+            per_pressure_m2
+        };
+        (force_noise_n * norm(&kernel.value))
+            .hypot(from_contraction_n)
+            .hypot(per_pressure_m2 * place.pressure_doubt_pa)
+            .hypot(FORCE_FLOOR_N)
+    }
+
+    /// How far the mean pressure is at most from that of straight lines between samples \[Pa\].
+    fn bent_pa(&self, kernel: &Kernel) -> f64 {
+        let pressure_pa = self.measured.column(PRESSURE_PA).unwrap_or_default();
         let bent = |row: usize| {
             let at = |row: usize| pressure_pa[row.min(pressure_pa.len() - 1)];
             let second = at(row + 1) - 2.0 * at(row) + at(row.saturating_sub(1));
             (second.abs() - 3.0 * self.noise.pressure_pa).max(0.0) / 12.0
         };
         let weights = kernel.value.iter().zip(kernel.rows.clone());
-        let from_sampling_n =
-            per_pressure_m2 * weights.map(|(weight, row)| weight * bent(row)).sum::<f64>();
-        from_force_n
-            .hypot(from_contraction_n)
-            .hypot(from_sampling_n)
-            .hypot(FORCE_FLOOR_N)
+        weights.map(|(weight, row)| weight * bent(row)).sum()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::along::Along;
 use super::begin::without;
-use super::force::Forces;
+use super::force::{ForceRange, Forces};
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
 use crate::identify::inputs::Inputs;
@@ -99,22 +99,26 @@ pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
     Some(without(residuals, &record.zeros_of_gas(), None))
 }
 
-/// Of the force that the muscle may read at least and at most, row by row \[N\].
-pub(super) fn force_residuals(record: &Prepared, forces_n: &[(f64, f64)]) -> Option<Residuals> {
+/// Of the force that the muscle may read, row by row.
+///
+/// The pressure's noise counts as this muscle makes force of it: weighed by another's, whose force
+/// depends less on pressure would miss less, and a noisy pressure would be an effect.
+pub(super) fn force_residuals(record: &Prepared, forces: &[ForceRange]) -> Option<Residuals> {
     let measured = record.measured.column(FORCE_N)?;
     // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
     // right because the sensor cannot tell.
     let most_n = record.force_span.most;
-    let residual = |(row, per_noise): (&usize, &f64)| {
-        let (least_n, most_n) = (forces_n[*row].0.min(most_n), forces_n[*row].1.min(most_n));
+    let residual = |row: &usize| {
+        let force = forces[*row];
+        let (least_n, most_n) = (force.least_n.min(most_n), force.most_n.min(most_n));
         let middle_n = 0.5 * (least_n + most_n);
+        let per_noise = record.force_noise_n(force.per_pressure_m2).recip();
         (
             (middle_n - measured[*row]) * per_noise,
             0.5 * (most_n - least_n) * per_noise,
         )
     };
-    let rows = record.force_rows.iter().zip(&record.per_force_noise);
-    let (values, slack) = rows.map(residual).unzip();
+    let (values, slack) = record.force_rows.iter().map(residual).unzip();
     Some(Residuals { values, slack })
 }
 
@@ -223,7 +227,7 @@ fn load_block(rig: &Rig, weight: Weight) -> (LoadSubsystem, usize) {
 }
 
 /// The measured force as it works on the weight, row by row \[N\].
-pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>> {
+pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<ForceRange>> {
     let sensors = rig.plant(Simulated::FORCE_ONLY).ok()?.sensors;
     let measured_n = record.measured.column(FORCE_N)?.iter();
     let truth = |(force_n, time_s): (&f64, &f64)| {
@@ -233,7 +237,11 @@ pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>
             force_n: *force_n,
         };
         let true_n = sensors.truth(*time_s, reading).force_n;
-        (true_n, true_n)
+        ForceRange {
+            least_n: true_n,
+            most_n: true_n,
+            per_pressure_m2: 0.0,
+        }
     };
     Some(
         measured_n
@@ -245,8 +253,8 @@ pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<(f64, f64)>
 
 /// How far the balance of forces on the weight lies outside what friction can take up, under
 /// the least and the most force that the muscle may have, row by row \[N\].
-pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) -> Option<Residuals> {
-    let all = balances_and_masses(record, rig, forces_n)?;
+pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> Option<Residuals> {
+    let all = balances_and_masses(record, rig, forces)?;
     let (values, slack) = all
         .into_iter()
         .map(|(value, slack, _)| (value, slack))
@@ -258,7 +266,7 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces_n: &[(f64, f64)]) ->
 pub(super) fn balances_and_masses(
     record: &Prepared,
     rig: &Rig,
-    forces_n: &[(f64, f64)],
+    forces: &[ForceRange],
 ) -> Option<Vec<(f64, f64, f64)>> {
     let Load::Weight(weight) = rig.nominal.load else {
         return None;
@@ -288,7 +296,9 @@ pub(super) fn balances_and_masses(
                 (direction * weight.coulomb_friction_n, 0.0)
             };
             let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
-            let (least_n, most_n) = forces_n[row];
+            let ForceRange {
+                least_n, most_n, ..
+            } = forces[row];
             let between_pa = record.between_pa.get(row).copied().unwrap_or(0.0);
             let between_n = rig.nominal.muscle.force_per_pressure_m2(contraction[row]) * between_pa;
             [
@@ -317,11 +327,13 @@ pub(super) fn balances_and_masses(
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
                 * kernel.first(contraction);
-        (
-            balance_n * place.per_noise,
-            reach_n * place.per_noise,
+        let weight = Weight {
             mass_kg,
-        )
+            ..load.weight
+        };
+        let per_pressure_m2 = forces[kernel.middle()].per_pressure_m2;
+        let noise_n = record.balance_noise_n(rig, &weight, place, per_pressure_m2);
+        (balance_n / noise_n, reach_n / noise_n, mass_kg)
     });
     Some(residuals.collect())
 }
@@ -332,6 +344,9 @@ mod tests {
     use super::super::force::Force;
     use super::*;
     use crate::record::PRESSURE_REF_PA;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64;
     use std::borrow::Cow;
 
     /// The shortest lags that a delay is dispersed by, where each row has another reference and
@@ -380,13 +395,13 @@ mod tests {
             let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
             forces.between_n(&forces.ends().expect("ends"), 0.5)
         };
-        let force_n = half_n.expect("forces").iter().map(|(n, _)| *n).collect();
+        let force_n = half_n.expect("forces").iter().map(|n| n.least_n).collect();
         record.set(FORCE_N, force_n);
         let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
         let prepared = &prepared[0];
         let records = prepared.ways(&rig);
         let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
-        let residuals = |forces_n: &[(f64, f64)]| force_residuals(prepared, forces_n);
+        let residuals = |forces: &[ForceRange]| force_residuals(prepared, forces);
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
@@ -400,5 +415,62 @@ mod tests {
         assert!(largest(best) < 0.1, "{}", largest(best));
         // In standard deviations of 0.5.
         assert!((told[UNKNOWNS - 1] - 1.0).abs() < 0.02, "{told:?}");
+    }
+
+    /// As much noise as signal: with the same weights for all, a muscle whose force depends half as
+    /// much on pressure would miss least.
+    #[test]
+    fn noise_of_the_pressure_makes_no_other_muscle_likelier() {
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let (middle_pa, size_pa, rows) = (2e5, 1e4, 4000);
+        let time_s: Vec<f64> = (0..rows).map(|row| 0.01 * f64::from(row)).collect();
+        let swing = |t: f64| middle_pa + size_pa * (0.6 * t).sin();
+        let noise = Normal::new(0.0, size_pa / 2.0_f64.sqrt()).expect("a deviation");
+        let noise_pa = noise.sample_iter(Pcg64::seed_from_u64(7));
+        let read_pa: Vec<f64> = time_s
+            .iter()
+            .zip(noise_pa)
+            .map(|(t, noise_pa)| swing(*t) + noise_pa)
+            .collect();
+        let contraction = |t: f64| 0.05 + 0.001 * t;
+        let muscle = &rig.nominal.muscle;
+        let force_n = |t: f64, pressure_pa| muscle.force_n(contraction(t), GaugePa(pressure_pa));
+        let mut record = Record::new(time_s.clone());
+        record.set(
+            CONTRACTION,
+            time_s.iter().map(|t| contraction(*t)).collect(),
+        );
+        record.set(
+            FORCE_N,
+            time_s.iter().map(|t| force_n(*t, swing(*t))).collect(),
+        );
+        record.set(PRESSURE_PA, read_pa.clone());
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let loss = |share: f64| {
+            let of_row = |(t, pa): (&f64, &f64)| {
+                let per_pressure_m2 = share * muscle.force_per_pressure_m2(contraction(*t));
+                let n = force_n(*t, middle_pa) + per_pressure_m2 * (pa - middle_pa);
+                ForceRange {
+                    least_n: n,
+                    most_n: n,
+                    per_pressure_m2,
+                }
+            };
+            let forces: Vec<ForceRange> = time_s.iter().zip(&read_pa).map(of_row).collect();
+            let residuals = force_residuals(&prepared[0], &forces).expect("residuals");
+            residuals
+                .values
+                .iter()
+                .map(|value| value * value)
+                .sum::<f64>()
+        };
+        let shares = (10..=30).map(|i| 0.05 * f64::from(i));
+        let best = shares
+            .min_by(|a, b| loss(*a).total_cmp(&loss(*b)))
+            .expect("shares");
+        // Of a slope with signal and noise alike the deviation is (2 / rows)^½.
+        let deviation = (2.0 / f64::from(rows)).sqrt();
+        assert!((best - 1.0).abs() <= 0.025 + 4.0 * deviation, "{best}");
     }
 }

@@ -140,6 +140,17 @@ pub enum Finding {
         /// Length of the longest gap \[s\].
         longest_s: f64,
     },
+    /// Rows with the time of the row before, as rounded clocks have.
+    #[error(
+        "{count} rows with the time of the row before, the first on line {first_line}: half a \
+             row later is taken"
+    )]
+    Repeated {
+        /// Number of rows.
+        count: usize,
+        /// Line of the first.
+        first_line: usize,
+    },
     /// Unequal times between rows.
     #[error("times between rows differ by {:.0} % RMS", 100.0 * .jitter)]
     Uneven {
@@ -246,6 +257,8 @@ pub struct Check {
 /// Checks the sampling and the signals of `record`.
 pub fn check(record: &Record) -> Check {
     let mut warnings = Vec::new();
+    let repeated = record.repeated_times();
+    warnings.extend(repeated.map(|(count, first_line)| Finding::Repeated { count, first_line }));
     let sampling = sampling(record.time_s(), &mut warnings);
     let signals = SIGNALS.iter().filter_map(|name| {
         let values = record.column(name)?;

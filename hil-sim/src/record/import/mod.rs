@@ -1,13 +1,14 @@
-//! Import of other programs' files as records: CSV with other names and units, and MATLAB files.
+//! Import of other programs' files as records: CSV with other names and units, xlsx, MATLAB, HDF5,
+//! and MCAP.
 //!
 //! A mapping file ([`Map::EXAMPLE_TOML`]) assigns columns and units. [`Summary`] reports every
 //! change, with its place.
 
-#[cfg(feature = "matlab")]
-mod matlab;
-#[cfg(not(feature = "matlab"))]
-#[path = "no_matlab.rs"]
-mod matlab;
+#[cfg(feature = "formats")]
+mod formats;
+#[cfg(not(feature = "formats"))]
+#[path = "no_formats.rs"]
+mod formats;
 mod source;
 mod times;
 mod variable;
@@ -22,11 +23,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 pub use times::Mended;
 
-/// Whether the bytes are of an HDF5 file, as MATLAB 7.3 writes: a crate reads it, whose memory and
-/// time only a process of its own can bound.
-#[cfg(feature = "matlab")]
-pub fn is_hdf5(bytes: &[u8]) -> bool {
-    hdf5_pure::is_hdf5_bytes(bytes)
+/// Whether crates read a file of these bytes, whose memory and time only a process of its own can
+/// bound.
+#[cfg(feature = "formats")]
+pub fn is_read_by_crates(bytes: &[u8]) -> bool {
+    formats::is_read_by_crates(bytes)
 }
 
 /// The mapping of a file's columns to those of a record.
@@ -48,10 +49,11 @@ struct Place {
     text: String,
 }
 
-/// Layout of a CSV file; not used for MATLAB files.
+/// Layout of a CSV file or a sheet; not used for other formats.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {
+    sheet: Option<String>,
     delimiter: Spanned<char>,
     decimal_comma: bool,
     skip_lines: usize,
@@ -63,6 +65,7 @@ struct Layout {
 impl Default for Layout {
     fn default() -> Layout {
         Layout {
+            sheet: None,
             delimiter: Spanned::new(0..0, ','),
             decimal_comma: false,
             skip_lines: 0,
@@ -132,6 +135,9 @@ struct Column {
     offset: f64,
 }
 
+/// Characters of an error that lists a file's names.
+const NAMES_LEN: usize = 120;
+
 fn one() -> f64 {
     1.0
 }
@@ -139,8 +145,10 @@ fn one() -> f64 {
 /// Report of an import.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// `CSV`, `MATLAB 5` or `MATLAB 7.3`.
+    /// `CSV`, `xlsx`, `MATLAB 5`, `MATLAB 7.3` or `MCAP`.
     pub format: &'static str,
+    /// What there is to say about the file: its sheet, where it is damaged.
+    pub notes: Vec<String>,
     /// Encoding of the text, if not UTF-8.
     pub encoding: Option<&'static str>,
     /// Number of rows of the file.
@@ -225,21 +233,32 @@ impl Map {
         Ok(map)
     }
 
-    /// The mapping of a record, whose CSV `bytes` begin with the names of its columns, in which
-    /// some columns are in other units: `units` are `COLUMN=UNIT[,scale=S][,offset=O]`.
+    /// The mapping of a file that has a record's names, in which some columns are in other units:
+    /// `units` are `COLUMN=UNIT[,scale=S][,offset=O]`. Times that a rounded clock repeats are
+    /// spread.
     ///
     /// # Errors
-    /// The record lacks a column of `units`, or one of them has no such form or unit.
+    /// The file cannot be read, has other names, lacks a column of `units`, or one of them has no
+    /// such form or unit.
     pub fn of_record(file: &str, bytes: &[u8], units: &[String]) -> Result<Map, BadInput> {
         let bad = |expected: String| BadInput::file("--unit", expected);
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .from_reader(bytes);
-        let header = reader.byte_headers().ok();
-        let header = header.ok_or_else(|| BadInput::file(file, "a line with names of columns"))?;
-        let has = |name: &str| header.iter().any(|column| column == name.as_bytes());
+        let layout = Layout::default();
+        let names = Source::open(file, bytes, &layout, &[])?.left_out(&[]);
         let known = [(TIME_S, TIME)].into_iter().chain(TARGETS);
-        let known: Vec<_> = known.filter(|(name, _)| has(name)).collect();
+        let known: Vec<_> = known
+            .filter(|(name, _)| names.iter().any(|found| found == name))
+            .collect();
+        if !known.iter().any(|(name, _)| *name == TIME_S) || known.len() < 2 {
+            let mut names = names.join(", ");
+            if let Some((end, _)) = names.char_indices().nth(NAMES_LEN) {
+                names.replace_range(end.., "…");
+            }
+            let expected = format!(
+                "`{TIME_S}` and another column of a record, found {names}; a mapping (`hil-sim \
+                 import --example`) has other names, delimiters and decimal commas"
+            );
+            return Err(BadInput::file(file, expected));
+        }
         let mut keys: BTreeMap<&str, String> = BTreeMap::new();
         for option in units {
             let (name, rest) = option.split_once('=').unwrap_or((option, ""));
@@ -267,7 +286,10 @@ impl Map {
                 name => format!("columns.{name}"),
             };
             let unit = || format!("unit = {:?}\n", units[0].0);
-            let lines = keys.remove(name).unwrap_or_else(unit);
+            let mut lines = keys.remove(name).unwrap_or_else(unit);
+            if *name == TIME_S {
+                lines += "repeated = \"spread\"\n";
+            }
             format!("[{section}]\ncolumn = {name:?}\n{lines}")
         });
         let text: String = sections.collect();
@@ -345,6 +367,7 @@ impl Map {
         let mut record = Record::new(times.time_s);
         let mut summary = Summary {
             format: source.format(),
+            notes: source.notes().to_vec(),
             encoding: source.encoding(),
             rows_read: times.rows_read,
             rows_written: times.rows.len(),

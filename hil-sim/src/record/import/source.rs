@@ -1,7 +1,8 @@
 //! Reading of the files that can be imported, as columns of numbers.
 
-use super::variable::Variable;
-use super::{BadInput, Layout, Selector, matlab};
+use super::variable::{Content, Variable};
+use super::{BadInput, Layout, Selector, formats};
+use crate::error::did_you_mean;
 use crate::record::{newlines, row_start};
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -12,23 +13,35 @@ pub(super) struct Source<'a> {
     /// Numbers that may still be read.
     numbers_left: Cell<usize>,
     numbers_max: usize,
+    format: &'static str,
+    notes: Vec<String>,
     kind: Kind<'a>,
 }
 
 enum Kind<'a> {
     Csv(Csv<'a>),
-    /// Variables, and the format's name.
-    Mat(Vec<Variable>, &'static str),
+    Variables(Vec<Variable>),
 }
 
-/// A CSV file, and the numbers of the columns that are used: a cell's text needs ten times the
-/// memory of its number.
+/// A CSV file or a sheet, and the numbers of the columns that are used: a cell's text needs ten
+/// times the memory of its number.
 struct Csv<'a> {
     layout: &'a Layout,
-    is_latin_1: bool,
+    kind: Text,
     text: Cow<'a, str>,
     names: Vec<String>,
     columns: Vec<Numbers>,
+}
+
+/// Where the text is from.
+#[derive(Clone, Copy, PartialEq)]
+enum Text {
+    /// A file in UTF-8.
+    Csv,
+    /// A file in Latin-1.
+    Latin1,
+    /// A sheet of a workbook.
+    Sheet,
 }
 
 /// The numbers of one column up to the first cell that is none, with its row and what was expected.
@@ -39,11 +52,11 @@ struct Numbers {
 }
 
 /// How files of other programs begin, and the command that converts them.
-const OTHER_FORMATS: [(&[u8], &str); 8] = [
+const OTHER_FORMATS: [(&[u8], &str); 7] = [
     (
         b"PK\x03\x04",
         "a spreadsheet's CSV (`libreoffice --headless --convert-to csv FILE`), found a ZIP file as \
-         xlsx and ods are",
+         ods is",
     ),
     (
         b"\xd0\xcf\x11\xe0",
@@ -63,13 +76,10 @@ const OTHER_FORMATS: [(&[u8], &str); 8] = [
         "CSV (`python3 -c \"import asammdf; asammdf.MDF('FILE').export('csv')\"`), found MDF",
     ),
     (
-        b"\x89MCAP0\r\n",
-        "CSV (`mcap cat FILE --json` prints its messages), found MCAP",
-    ),
-    (
         b"SQLite format 3",
-        "CSV (`sqlite3 -header -csv FILE 'select * from TABLE'`), found SQLite, as bags of \
-         ROS 2 are",
+        "CSV (`sqlite3 -header -csv FILE 'select * from TABLE'`) or MCAP (`rosbags-convert --src \
+         FOLDER --dst out --dst-storage mcap` of rosbags), found SQLite, as older bags of ROS 2 \
+         are",
     ),
     (b"\x1f\x8b", "an unpacked file (`gunzip FILE`), found gzip"),
 ];
@@ -86,42 +96,62 @@ impl<'a> Source<'a> {
         layout: &'a Layout,
         used: &[&Selector],
     ) -> Result<Source<'a>, BadInput> {
-        let kind = match matlab::read(name, bytes)? {
-            Some((variables, format)) => Kind::Mat(variables, format),
-            None => Kind::Csv(Csv::open(name, bytes, layout, used)?),
+        let (kind, format, notes) = match formats::read(name, bytes, layout, used)? {
+            Some(Content::Variables {
+                variables,
+                format,
+                notes,
+            }) => (Kind::Variables(variables), format, notes),
+            Some(Content::Text {
+                text,
+                format,
+                notes,
+            }) => {
+                let csv = Csv::read(name, Cow::Owned(text), Text::Sheet, layout, used)?;
+                (Kind::Csv(csv), format, notes)
+            }
+            None => (
+                Kind::Csv(Csv::open(name, bytes, layout, used)?),
+                "CSV",
+                Vec::new(),
+            ),
         };
-        let numbers_max = matlab::numbers_max(bytes.len());
+        let numbers_max = formats::numbers_max(bytes.len());
         Ok(Source {
             file: name.into(),
             numbers_left: Cell::new(numbers_max),
             numbers_max,
+            format,
+            notes,
             kind,
         })
     }
 
     pub fn format(&self) -> &'static str {
-        match &self.kind {
-            Kind::Csv(_) => "CSV",
-            Kind::Mat(_, format) => format,
-        }
+        self.format
+    }
+
+    /// What there is to say about the file.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     pub fn encoding(&self) -> Option<&'static str> {
         matches!(
             &self.kind,
             Kind::Csv(Csv {
-                is_latin_1: true,
+                kind: Text::Latin1,
                 ..
             })
         )
         .then_some("Latin-1")
     }
 
-    /// The position of a row: its line in a CSV file, else its number from 1.
+    /// The position of a row: its line in a CSV file or a sheet, else its number from 1.
     pub fn place(&self, row: usize) -> usize {
         match &self.kind {
             Kind::Csv(csv) => csv.line(row),
-            Kind::Mat(..) => row + 1,
+            Kind::Variables(_) => row + 1,
         }
     }
 
@@ -133,7 +163,7 @@ impl<'a> Source<'a> {
                 line: Some(place),
                 ..self.bad_column(name, expected)
             },
-            Kind::Mat(..) => self.bad_column(&format!("{name}, row {place}"), expected),
+            Kind::Variables(_) => self.bad_column(&format!("{name}, row {place}"), expected),
         }
     }
 
@@ -153,10 +183,9 @@ impl<'a> Source<'a> {
         let name = selector.to_string();
         let values = match &self.kind {
             Kind::Csv(csv) => {
-                let index = csv.find(selector).ok_or_else(|| {
-                    let expected = format!("one of {}, found none", csv.names.join(", "));
-                    self.bad_column(&name, &expected)
-                })?;
+                let index = csv
+                    .find(selector)
+                    .ok_or_else(|| self.bad_column(&name, &csv.not_found(selector)))?;
                 let column = csv.columns.iter().find(|column| column.index == index);
                 let column =
                     column.ok_or_else(|| self.bad_column(&name, "a column that is used"))?;
@@ -165,11 +194,10 @@ impl<'a> Source<'a> {
                 }
                 Cow::Borrowed(&column.values[..])
             }
-            Kind::Mat(variables, _) => {
+            Kind::Variables(variables) => {
                 let (index, number) = find(variables, selector).ok_or_else(|| {
                     let names: Vec<_> = variables.iter().map(Variable::words).collect();
-                    let expected = format!("one of {}, found none", names.join(", "));
-                    self.bad_column(&name, &expected)
+                    self.bad_column(&name, &one_of_names(&names, selector))
                 })?;
                 let read = self.read(&variables[index], number);
                 read.map_err(|why| self.bad_column(&name, &why))?
@@ -223,7 +251,7 @@ impl<'a> Source<'a> {
                 let rest = names.filter(|(index, _)| !used.contains(index));
                 rest.map(|(_, name)| name.clone()).collect()
             }
-            Kind::Mat(variables, _) => {
+            Kind::Variables(variables) => {
                 let used = used.iter().filter_map(|used| find(variables, used));
                 let used: Vec<_> = used.map(|(index, _)| index).collect();
                 let rest = variables.iter().enumerate();
@@ -260,9 +288,24 @@ impl<'a> Csv<'a> {
             |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
             Cow::Borrowed,
         );
+        let kind = match utf_8 {
+            Ok(_) => Text::Csv,
+            Err(_) => Text::Latin1,
+        };
+        Csv::read(name, text, kind, layout, used)
+    }
+
+    /// Reads the rows of `text`.
+    fn read(
+        name: &str,
+        text: Cow<'a, str>,
+        kind: Text,
+        layout: &'a Layout,
+        used: &[&Selector],
+    ) -> Result<Csv<'a>, BadInput> {
         let mut csv = Csv {
             layout,
-            is_latin_1: utf_8.is_err(),
+            kind,
             text: Cow::Borrowed(""),
             names: Vec::new(),
             columns: Vec::new(),
@@ -280,6 +323,10 @@ impl<'a> Csv<'a> {
         {
             csv.names = cells.iter().map(str::to_owned).collect();
         }
+        if layout.header && csv.names.is_empty() {
+            let expected = "a line with names of columns, found the end of the file";
+            return Err(BadInput::file(name, expected));
+        }
         for _ in 0..layout.skip_after_header {
             rows.next(&mut cells)
                 .map_err(|error| bad(rows.line(), error))?;
@@ -295,6 +342,19 @@ impl<'a> Csv<'a> {
                     csv.names = numbers.map(|number| format!("column {number}")).collect();
                 }
                 columns = csv.empty_columns(used);
+            }
+            // Comments may stand beside a sheet's table.
+            let beyond = cells.iter().skip(csv.names.len());
+            if kind != Text::Sheet && beyond.clone().any(|cell| !cell.is_empty()) {
+                let expected = format!(
+                    "{} cells as in the first row, found {}; decimal commas need another delimiter",
+                    csv.names.len(),
+                    cells.len()
+                );
+                return Err(BadInput {
+                    line: Some(rows.line()),
+                    ..BadInput::file(name, expected)
+                });
             }
             for column in columns.iter_mut().filter(|column| column.bad.is_none()) {
                 match csv.number(cells.get(column.index)) {
@@ -343,6 +403,21 @@ impl<'a> Csv<'a> {
         }
     }
 
+    /// What is expected of a mapping whose `selector` is not found.
+    fn not_found(&self, selector: &Selector) -> String {
+        let is_number = |name: &String| name.replace(',', ".").parse::<f64>().is_ok();
+        if let [name] = &self.names[..]
+            && let Some(delimiter) = name.chars().find(|c| [';', '\t', ',', '|'].contains(c))
+        {
+            return format!("one of `{name}`, found none; is `file.delimiter` {delimiter:?}?");
+        }
+        let mut expected = one_of_names(&self.names, selector);
+        if self.layout.header && self.names.iter().all(is_number) {
+            expected += "; without a line of names `file.header = false` numbers the columns";
+        }
+        expected
+    }
+
     /// The number in a cell; NaN if the cell has none.
     fn number(&self, cell: Option<&str>) -> Result<f64, String> {
         let cell = cell.ok_or("this cell, found the end of the row")?;
@@ -365,6 +440,19 @@ impl<'a> Csv<'a> {
             format!("a number{comma} or an empty cell, found `{cell}`")
         })
     }
+}
+
+/// What is expected in place of a `selector` that is none of `names`.
+fn one_of_names(names: &[String], selector: &Selector) -> String {
+    let listed: Vec<_> = names.iter().map(|name| format!("`{name}`")).collect();
+    let similar = match selector {
+        Selector::Name(found) => {
+            let names: Vec<_> = names.iter().map(String::as_str).collect();
+            did_you_mean(found, &names)
+        }
+        Selector::Number(_) => String::new(),
+    };
+    format!("one of {}, found none{similar}", listed.join(", "))
 }
 
 /// Reads rows and knows their lines.

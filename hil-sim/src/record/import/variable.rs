@@ -2,7 +2,27 @@
 
 use std::borrow::Cow;
 
-/// One variable of a MATLAB file, column by column.
+/// What a file has that is not CSV.
+#[cfg_attr(
+    not(feature = "formats"),
+    expect(dead_code, reason = "no format has one")
+)]
+pub(super) enum Content {
+    Variables {
+        variables: Vec<Variable>,
+        format: &'static str,
+        /// What there is to say about it.
+        notes: Vec<String>,
+    },
+    /// Rows of cells as CSV.
+    Text {
+        text: String,
+        format: &'static str,
+        notes: Vec<String>,
+    },
+}
+
+/// One variable of a MATLAB file or a log, column by column.
 pub(super) struct Variable {
     pub(super) name: String,
     pub(super) height: usize,
@@ -14,25 +34,25 @@ pub(super) struct Variable {
 pub(super) enum Values {
     /// They are here.
     #[cfg_attr(
-        not(feature = "matlab"),
+        not(feature = "formats"),
         expect(dead_code, reason = "no format has them")
     )]
     Read(Vec<f64>),
     /// They are read when they are asked for.
-    #[cfg(feature = "matlab")]
+    #[cfg(feature = "formats")]
     Stored(Box<hdf5_pure::Dataset>),
 }
 
 impl Values {
     /// The numbers, of which there are `count`.
     #[cfg_attr(
-        not(feature = "matlab"),
+        not(feature = "formats"),
         expect(unused_variables, reason = "they are here")
     )]
     pub(super) fn get(&self, count: usize, numbers_max: usize) -> Result<Cow<'_, [f64]>, String> {
         match self {
             Values::Read(values) => Ok(Cow::Borrowed(values)),
-            #[cfg(feature = "matlab")]
+            #[cfg(feature = "formats")]
             Values::Stored(dataset) => stored(dataset, count, numbers_max).map(Cow::Owned),
         }
     }
@@ -58,7 +78,7 @@ impl Variable {
 ///
 /// # Errors
 /// A damaged dataset, or one whose chunks are larger than `numbers_max`.
-#[cfg(feature = "matlab")]
+#[cfg(feature = "formats")]
 fn stored(
     dataset: &hdf5_pure::Dataset,
     count: usize,

@@ -17,6 +17,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+/// BOR_LEV of a new chip.
+const NO_BROWN_OUT_RESET: u8 = 3;
 /// Longest time that the board runs before it looks at its port again.
 const STEP: Duration = Duration::from_millis(2);
 
@@ -30,8 +32,7 @@ struct Pace {
 }
 
 /// Runs the board at the end of `port` until `end`.
-fn serve(world: Arc<Mutex<World>>, mut port: TTYPort, end: &AtomicBool) -> Pace {
-    let mut board = Emulated::new(world);
+fn serve(mut board: Emulated, mut port: TTYPort, end: &AtomicBool) -> Pace {
     let mut pace = Pace {
         behind: Duration::ZERO,
         busy: Duration::ZERO,
@@ -59,6 +60,14 @@ fn serve(world: Arc<Mutex<World>>, mut port: TTYPort, end: &AtomicBool) -> Pace 
     pace
 }
 
+/// The program with these words, in this folder.
+fn program_at(folder: &Path, words: &str) -> Command {
+    let program = std::env::var_os("HIL_SIM").expect("HIL_SIM: the path of hil-sim");
+    let mut command = Command::new(program);
+    command.current_dir(folder).args(words.split(' '));
+    command
+}
+
 /// A board at a pseudo terminal.
 struct Live {
     name: String,
@@ -70,7 +79,7 @@ struct Live {
 }
 
 impl Live {
-    fn new() -> Live {
+    fn new(brown_out_level: u8) -> Live {
         let (mut port, program_end) = TTYPort::pair().expect("a pseudo terminal");
         port.set_timeout(Duration::from_millis(1))
             .expect("a timeout");
@@ -78,7 +87,11 @@ impl Live {
         let world = Arc::new(Mutex::new(World::new(Wiring::Right)));
         let end = Arc::new(AtomicBool::new(false));
         let (its_world, its_end) = (Arc::clone(&world), Arc::clone(&end));
-        let thread = std::thread::spawn(move || serve(its_world, port, &its_end));
+        let thread = std::thread::spawn(move || {
+            let mut board = Emulated::new(its_world);
+            board.wired.board.set_brown_out_level(brown_out_level);
+            serve(board, port, &its_end)
+        });
         Live {
             name,
             world,
@@ -90,12 +103,8 @@ impl Live {
 
     /// The program with these words, at this board.
     fn command(&self, folder: &Path, words: &str) -> Command {
-        let program = std::env::var_os("HIL_SIM").expect("HIL_SIM: the path of hil-sim");
-        let mut command = Command::new(program);
-        command
-            .current_dir(folder)
-            .args(words.split(' '))
-            .args(["--port", &self.name]);
+        let mut command = program_at(folder, words);
+        command.args(["--port", &self.name]);
         command
     }
 
@@ -113,11 +122,16 @@ impl Live {
         serde_json::from_slice(&printed).expect("JSON")
     }
 
-    /// Ends the board, which must have kept up with the clock.
-    fn end(mut self) {
+    /// Ends the board; how it kept up with the clock.
+    fn stop(mut self) -> Pace {
         self.end.store(true, Ordering::Relaxed);
         let thread = self.thread.take().expect("a board");
-        let pace = thread.join().expect("a board without errors");
+        thread.join().expect("a board without errors")
+    }
+
+    /// Ends the board, which must have kept up with the clock.
+    fn end(self) {
+        let pace = self.stop();
         let share = pace.passed.as_secs_f64() / pace.busy.as_secs_f64();
         println!(
             "{:.0} s in real time, {share:.0} times faster if not held back, up to {:.1} ms behind",
@@ -133,7 +147,7 @@ impl Live {
 fn settings_records_and_experiments_work_at_a_port_in_real_time() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let live = Live::new();
+    let live = Live::new(0);
     live.run(path, "settings --out board.toml");
     let settings = settings_file::read(&path.join("board.toml")).expect("settings");
     assert_eq!(*settings.values(), SettingsValues::reference());
@@ -156,14 +170,12 @@ fn settings_records_and_experiments_work_at_a_port_in_real_time() {
     live.end();
 }
 
-/// Every step with the right rig, and the files at its end.
-#[test]
-#[ignore = "needs FIRMWARE and HIL_SIM"]
-fn a_rig_is_commissioned_at_a_port_in_real_time() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let live = Live::new();
+/// What the program prints at this board, and the questions that it has asked: the person in front
+/// of the world answers.
+fn answered(live: &Live, folder: &Path, words: &str) -> (serde_json::Value, Vec<String>) {
     let mut child = live
-        .command(folder.path(), "commission --json --out done")
+        .command(folder, words)
+        .arg("--json")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -171,21 +183,102 @@ fn a_rig_is_commissioned_at_a_port_in_real_time() {
         .expect("the program starts");
     let mut answers = child.stdin.take().expect("its stdin");
     let questions = BufReader::new(child.stderr.take().expect("its stderr"));
-    let mut told = String::new();
+    let (mut told, mut asked) = (String::new(), Vec::new());
     for line in questions.lines().map_while(Result::ok) {
         told += &format!("{line}\n");
         let name = line.strip_prefix('[').and_then(|line| line.split_once(']'));
         if let Some((name, _)) = name {
             let answer = live.world.lock().expect("the world").act(name);
             writeln!(answers, "{answer}").expect("the program reads");
+            asked.push(name.to_owned());
         }
     }
     let output = child.wait_with_output().expect("the program ends");
-    assert!(output.status.success(), "{told}");
-    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    assert_eq!(summary["complete"], true, "{told}");
-    live.run(folder.path(), "settings --out board.toml");
-    let read = |file: &str| std::fs::read_to_string(folder.path().join(file)).expect("settings");
-    assert_eq!(read("board.toml"), read("done/settings.toml"));
-    live.end();
+    assert!(output.status.success(), "{words}: {told}");
+    let summary = serde_json::from_slice(&output.stdout).expect("JSON");
+    (summary, asked)
+}
+
+/// The texts between backticks.
+fn quoted(text: &str) -> Vec<String> {
+    text.split('`').skip(1).step_by(2).map(Into::into).collect()
+}
+
+/// Every command of docs/commissioning.md in turn, as it stands there, at a board with a new chip
+/// and the right rig; the questions are those of its table, in its order.
+#[test]
+#[ignore = "needs FIRMWARE and HIL_SIM"]
+fn the_page_from_a_bare_board_to_the_first_lift_holds() {
+    let page = include_str!("../../../../docs/commissioning.md");
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let mut live = None;
+    let mut asked = Vec::new();
+    let mut done = Vec::new();
+    let commands = page.lines().filter_map(|line| line.strip_prefix("    "));
+    for command in commands {
+        let at_port = command.replace(" --port /dev/ttyACM0", "");
+        let (program, words) = at_port.split_once(' ').expect("a command");
+        let name = words.split(' ').next().expect("a word");
+        done.push(format!("{program} {name}"));
+        let board = || live.as_ref().expect("a flashed board");
+        match (program, name) {
+            // HIL_SIM and FIRMWARE are built.
+            ("eval", _) | ("cargo", "install") => {}
+            ("cargo", "firmware-flash") => live = Some(Live::new(NO_BROWN_OUT_RESET)),
+            ("STM32_Programmer_CLI", _) => {
+                let (_, level) = words.split_once("BOR_LEV=").expect("the option");
+                // Too short to be judged by its pace.
+                live.take().expect("a flashed board").stop();
+                live = Some(Live::new(level.parse().expect("a level")));
+            }
+            ("hil-sim", "settings") => {
+                let output = board().command(path, words).output().expect("it runs");
+                let told = String::from_utf8_lossy(&output.stderr);
+                assert!(output.status.success(), "{command}: {told}");
+                let is_new = !done.iter().any(|command| command.starts_with("STM32"));
+                assert_eq!(told.contains("BrownOut"), is_new, "{told}");
+            }
+            ("hil-sim", "commission") => {
+                let (summary, questions) = answered(board(), path, words);
+                assert_eq!(summary["complete"], true, "{summary}");
+                if !words.contains("--check") {
+                    asked = questions;
+                    // At the end of each step.
+                    asked.retain(|name| name != "next");
+                }
+            }
+            ("hil-sim", "record") => {
+                let ticks = board().json(path, words)["ticks"].as_u64();
+                assert!(ticks >= Some(999), "{ticks:?}");
+            }
+            ("hil-sim", _) => {
+                let output = program_at(path, &format!("{words} --json")).output();
+                let output = output.expect("it runs");
+                let told = String::from_utf8_lossy(&output.stderr);
+                assert!(output.status.success(), "{command}: {told}");
+                if name == "replay" {
+                    let result: serde_json::Value =
+                        serde_json::from_slice(&output.stdout).expect("JSON");
+                    assert_eq!(result["replay"]["differing_ticks"], 0, "{result}");
+                }
+            }
+            _ => panic!("a command that no test runs: {command}"),
+        }
+    }
+    live.expect("a flashed board").end();
+    assert_eq!(done.len(), 11, "{done:?}");
+    let read = |file: &str| std::fs::read_to_string(path.join(file)).expect("settings");
+    assert_eq!(read("stored.toml"), read("commissioned/settings.toml"));
+    assert_ne!(read("stored.toml"), read("before.toml"));
+
+    let rows = page.lines().filter_map(|line| {
+        let step = line
+            .strip_prefix("| ")?
+            .starts_with(|c: char| c.is_ascii_digit());
+        step.then(|| line.rsplit('|').nth(1).expect("a last column"))
+    });
+    let mut listed: Vec<_> = rows.flat_map(quoted).collect();
+    listed.push("write".into());
+    assert_eq!(asked, listed);
 }

@@ -23,6 +23,8 @@ pub const PORT: Pin = pin('B', 5);
 pub const LAMP: Pin = pin('A', 5);
 /// Pin of the user button.
 pub const BUTTON: Pin = pin('C', 13);
+/// Half of 5 V, as the chip's converter reads it.
+const HALF_BRIDGE_SUPPLY: u16 = 3_102;
 const LINK_BAUD: u32 = 921_600;
 
 /// The voltage that the ADC converts to `count`.
@@ -150,7 +152,15 @@ impl Rig {
         self.board.set_analog(PRESSURE, volts(counts[1]));
         let conversions = self.board.symbol_with("CONVERSIONS");
         let address = conversions.expect("the buffer of the conversions");
-        let bytes = counts.map(u16::to_le_bytes).concat();
+        let mut scan = counts;
+        // The bridge has a converter of its own, and the chip's converts half of its supply.
+        if let Some(address) = self.board.symbol_with("BRIDGE_CODES") {
+            let code = (i32::from(counts[0]) - 2048) * 1024 + 520;
+            self.board
+                .write_ram(address, &code.to_le_bytes().repeat(SCANS));
+            scan[0] = HALF_BRIDGE_SUPPLY;
+        }
+        let bytes = scan.map(u16::to_le_bytes).concat();
         for scan in 0..SCANS {
             let offset = scan * INPUTS * size_of::<u16>();
             self.board.write_ram(address + offset as u32, &bytes);

@@ -87,6 +87,36 @@ fn supply_that_is_off_by_more_than_ten_percent_prevents_assistance() {
     }
 }
 
+/// The CPU's clock is raised when the regulator is ready, and not before, however long it takes.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn clock_waits_for_the_regulator() {
+    for regulator_ns in [0, 10_000, 1_000_000, 3_000_000] {
+        let seen = started(|board| board.set_regulator_ns(Some(regulator_ns)));
+        assert_eq!(seen, (None, Mode::Assisting), "{regulator_ns} ns");
+    }
+}
+
+/// The wait is bounded. The link tells the reason, at a clock that the voltage may not allow: the
+/// valve stays at 0 V.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn regulator_that_does_not_get_ready_prevents_assistance() {
+    let mut rig = Rig::new();
+    rig.board.set_regulator_ns(None);
+    rig.run_ms(1_200);
+    assert_eq!(rig.identity().start, Some(StartFault::Supply));
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(100);
+    let output = rig.last_telemetry().output;
+    let (mode, fault) = (output.mode, output.fault);
+    assert_eq!(fault, Some(Fault::Start(StartFault::Supply)));
+    assert_eq!((mode, rig.board.dac_volts(1)), (Mode::Venting, 0.0));
+    let errors = rig.board.errors();
+    let of_the_voltage = errors.iter().all(|e| e.text.starts_with("PWR: "));
+    assert!(of_the_voltage, "{}", rig.board.error_report());
+}
+
 #[test]
 #[ignore = "needs FIRMWARE, the ELF of the firmware"]
 fn stuck_bit_in_any_part_of_the_ram_prevents_assistance() {

@@ -1,27 +1,15 @@
-//! Variables of MATLAB files, with the feature `matlab`.
-//!
-//! What a small file can cost is bounded: it may state any size, unpack to a thousand times its
-//! own, and link to itself.
+//! Variables of MATLAB files.
 
 mod version_5;
 
-use super::BadInput;
-use super::variable::{Values, Variable};
+use super::super::variable::Values;
+use super::{BadInput, Variable, numbers_max};
 use hdf5_pure::{DType, Group};
 
-/// Numbers that a file may have for each of its bytes, and that any may have. Measured signals pack
-/// to half a byte at best, and 32 MB are no burden.
-const NUMBERS_PER_BYTE: usize = 4;
-const NUMBERS: usize = 4_000_000;
 /// Datasets and groups of one HDF5 file, and groups within each other: files of data loggers have
 /// hundreds and three, links back to a group have no end.
 const OBJECTS_MAX: usize = 2_000;
 const DEPTH_MAX: usize = 8;
-
-/// How many numbers are read at most from a file of `length` bytes.
-pub(super) fn numbers_max(length: usize) -> usize {
-    NUMBERS.max(length.saturating_mul(NUMBERS_PER_BYTE))
-}
 
 /// The variables of the file `name` and its format; `None` if the bytes are not of MATLAB.
 ///

@@ -1,6 +1,6 @@
 //! MATLAB files of versions 5 to 7: «MAT-File Format», The MathWorks, 2019.
 
-use super::super::variable::{Values, Variable};
+use super::super::super::variable::{Values, Variable};
 use std::io::Read;
 
 /// Length of the header, whose last two bytes tell the byte order.
