@@ -135,7 +135,15 @@ fn print_failure(failure: &Failure, color: ColorChoice) {
 
 fn main() -> ExitCode {
     let color = color(std::env::args_os().map(|word| word.to_string_lossy().into_owned()));
+    // `--duration -3` is a number out of range and no unknown option.
     let mut command = Cli::command().color(color);
+    let names: Vec<_> = command
+        .get_subcommands()
+        .map(|one| one.get_name().to_owned())
+        .collect();
+    for name in names {
+        command = command.mut_subcommand(name, |one| one.allow_negative_numbers(true));
+    }
     let matches = command.get_matches_mut();
     refuse_options_before_a_command(&mut command, &matches);
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());

@@ -433,6 +433,9 @@ fn help_completions_and_bad_arguments() {
         assert_eq!(output.status.code(), Some(2), "{args:?}");
         assert!(!path.join("out").exists(), "nothing written: {args:?}");
     }
+    let negative = hil_sim(path, &["run", "--duration", "-1"]);
+    let error = String::from_utf8_lossy(&negative.stderr);
+    assert!(error.contains("expected a number from 0.01"), "{error}");
 }
 
 #[test]

@@ -230,6 +230,10 @@ fn errors_of_cells_name_line_and_column() {
             b"\xff\xfet\0",
             ": expected text in UTF-8 or Latin-1, found UTF-16",
         ),
+        (
+            b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR",
+            ": expected text, or one of the formats of `hil-sim import --help`, found a byte of 0",
+        ),
     ] {
         let error = refused(SIMPLE, file);
         assert!(error.starts_with(&format!("bench.txt{message}")), "{error}");

@@ -84,7 +84,7 @@ const RIGS: [(&str, &str, &str); 34] = [
     (
         "alpha_m2 = 3.7718e-3",
         "alpha_m2 = 3,7718e-3",
-        ":7: expected TOML",
+        ":7: expected a decimal point, found 3,7718e-3",
     ),
     (
         "beta_m2 = -1.39e-3",

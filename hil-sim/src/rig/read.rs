@@ -21,15 +21,23 @@ const UNREAD: f64 = f64::NAN;
 
 /// Reads a rig from the text of the file `name`, with the effects of `catalogue`.
 pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, BadInput> {
-    let document = Document::parse(text).map_err(|error| BadInput {
-        file: name.into(),
-        line: error.span().map(|span| line_of(text, span.start)),
-        place: None,
-        expected: match text.lines().next() {
-            // A record in the place of a rig.
-            Some(first) if first.contains(TIME_S) => format!("a rig in TOML, found `{first}`"),
-            _ => format!("TOML, {}", error.message()),
-        },
+    let document = Document::parse(text).map_err(|error| {
+        let line = error.span().map(|span| line_of(text, span.start));
+        let words = line.and_then(|line| text.lines().nth(line - 1));
+        let number = words.and_then(with_decimal_comma);
+        BadInput {
+            file: name.into(),
+            line,
+            place: None,
+            expected: match (text.lines().next(), number) {
+                // A record in the place of a rig.
+                (Some(first), _) if first.contains(TIME_S) => {
+                    format!("a rig in TOML, found `{first}`")
+                }
+                (_, Some(number)) => format!("a decimal point, found {number}"),
+                _ => format!("TOML, {}", error.message()),
+            },
+        }
     })?;
     let file = File {
         name,
@@ -37,6 +45,13 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
         catalogue,
     };
     file.rig(document.as_table())
+}
+
+/// The value of a line of TOML if it is a number with a comma.
+fn with_decimal_comma(line: &str) -> Option<&str> {
+    let value = line.split_once('=')?.1.split('#').next()?.trim();
+    let number = value.replacen(',', ".", 1);
+    (number != value && number.parse::<f64>().is_ok()).then_some(value)
 }
 
 /// The line of the byte at `offset`, from 1.

@@ -281,6 +281,12 @@ impl<'a> Csv<'a> {
         if let Some((_, expected)) = other {
             return Err(BadInput::file(name, expected.replace("FILE", name)));
         }
+        // In no text, and in nearly every picture, document and program.
+        if bytes.contains(&0) {
+            let expected = "text, or one of the formats of `hil-sim import --help`, found a \
+                            byte of 0, as in a picture, a document or a program";
+            return Err(BadInput::file(name, expected));
+        }
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let utf_8 = std::str::from_utf8(bytes);
         let text = utf_8.map_or_else(
