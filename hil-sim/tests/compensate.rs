@@ -9,7 +9,7 @@ use hil_sim::bench::compensate::{
 use hil_sim::bench::settings_file;
 use hil_sim::bench::test_signal::{Limits, Part, test_signal};
 use hil_sim::bench::tick::TICK_S;
-use hil_sim::identify::diagnosis::diagnose;
+use hil_sim::identify::diagnosis::{Options, diagnose};
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::{Rig, effect_toml};
 use model_core::compensation::Compensation;
@@ -443,7 +443,8 @@ fn falls_by_half_after_a_diagnosis(name: &str, form: &str) {
         recorded(&hiding, &rig, &[Part::Sweep], 2),
     ];
     let validate = [recorded(&hiding, &rig, &[Part::Multisine], 3)];
-    let diagnosed = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("diagnosed");
+    let diagnosed =
+        diagnose(&rig, &fit, &validate, &Options::default(), &|_| ()).expect("diagnosed");
     let found = diagnosed.fitted.effects.iter();
     let found: Vec<String> = found.map(effect_toml).collect();
     let found = found.join("").replace('\n', "; ");

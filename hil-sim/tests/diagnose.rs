@@ -348,7 +348,7 @@ fn assert_result_does_not_depend_on_threads(case: &truth::Case, effects: &[&str]
     for (written, named) in provenance.effects.iter().zip(effects) {
         assert_eq!(written.name, *named);
         // Each effect here is far above the noise.
-        assert!(written.support_nats > 100.0, "{written:?}");
+        assert!(written.probability > 0.9, "{written:?}");
         assert!(!written.ci95.is_empty());
     }
     assert_eq!(provenance.effects.len(), effects.len());

@@ -5,16 +5,18 @@
 //! fit moves nominal values within their priors and the parameters of some candidates. Blocks that
 //! no candidate ties together are fitted apart, and what was fitted once is kept.
 
+mod marginal;
 mod promises;
-mod reshaped;
 
 use super::least_squares::{
     Found, Goal, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
 };
+use super::rows::Timeline;
+pub use marginal::LogEvidence;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 /// One parameter of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -140,15 +142,24 @@ pub trait Model: Sync {
     /// Whether residuals of a block change about in proportion to a small effect, so that what a
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
-    /// Share of a block's noise by which that may be larger than it is taken to be.
-    fn doubt_of_noise(&self, _block: usize) -> f64 {
-        0.02
-    }
     /// How badly free runs of a record miss what no block's residuals show well, as a cost with
     /// bounded influence; 0 where there is no such thing.
     fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;
     /// Against what the residuals of a block over a record are looked at.
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
+    /// When the residuals of a block over a record were measured, and how far they may be off in a
+    /// sound rig; by default in the order of their coordinate `time`, if there is one, and by a
+    /// third of their noise.
+    fn timeline(&self, record: usize, block: usize) -> Timeline {
+        let rows = self.rows(record, block);
+        let mut context = self.context(record, block).into_iter();
+        let time = context.find(|coordinate| coordinate.name == "time");
+        let by_row = || (0..rows).map(|row| row as f64).collect();
+        Timeline {
+            time_s: time.map_or_else(by_row, |time| time.values),
+            base: vec![BASE; rows],
+        }
+    }
 }
 
 /// Half a sum of squares, tamed, and of how many residuals.
@@ -253,6 +264,8 @@ impl Fit {
     }
 }
 
+/// What the nominal model of a sound rig may leave, as a share of the noise.
+const BASE: f64 = 0.3;
 /// How far the prior of a parameter lets it go: its coordinate is 1 ± this.
 const EFFECT_PRIOR: f64 = 5.0;
 /// What is nearer to the end of a range is at it, in coordinates.
@@ -303,6 +316,17 @@ struct Problem<'a, M> {
     held: bool,
     /// Dead zones are not to be pushed out by noise at their edges.
     edged: bool,
+    /// Slopes by nominal values where there is no effect, which serve near there.
+    known: Option<&'a NominalSlopes>,
+}
+
+/// How residuals of each block change with each nominal value, over all records.
+#[derive(Debug)]
+struct NominalSlopes {
+    /// By block and nominal value: of values and of slacks, row by row.
+    columns: HashMap<(usize, usize), [Vec<f64>; 2]>,
+    /// By block, the first row of each record.
+    first: Vec<Vec<usize>>,
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -320,6 +344,7 @@ impl<'a, M: Model> Problem<'a, M> {
             records: model.fitted(),
             held: false,
             edged: false,
+            known: None,
         }
     }
 
@@ -383,6 +408,38 @@ impl<'a, M: Model> Problem<'a, M> {
         if x[place] + STEP > most { -STEP } else { STEP }
     }
 
+    /// The slopes by a nominal value as they are where there is no effect.
+    fn known_slope(
+        &self,
+        known: &NominalSlopes,
+        nominal: usize,
+        moves: &dyn Fn(usize) -> bool,
+    ) -> Slopes {
+        let (mut values, mut slack) = (Vec::new(), Vec::new());
+        for (record, block) in self.pieces() {
+            let rows = self.model.rows(record, block);
+            let first = known.first[block][record];
+            match known
+                .columns
+                .get(&(block, nominal))
+                .filter(|_| moves(block))
+            {
+                Some([own, own_slack]) => {
+                    values.extend_from_slice(&own[first..first + rows]);
+                    slack.extend_from_slice(&own_slack[first..first + rows]);
+                }
+                None => {
+                    values.resize(values.len() + rows, 0.0);
+                    slack.resize(slack.len() + rows, 0.0);
+                }
+            }
+        }
+        Slopes {
+            values: DMatrix::from_vec(values.len(), 1, values),
+            slack: DMatrix::from_vec(slack.len(), 1, slack),
+        }
+    }
+
     /// The fit at `found`, with what it predicts.
     fn fit(&self, found: &Found) -> Option<Fit> {
         let (nominal, effects) = (self.nominal(&found.x), self.effects(&found.x));
@@ -438,6 +495,9 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         };
         let slope = |place: usize| {
             let moves = |block| self.moves(place, block);
+            if let (Some(known), Some(nominal)) = (self.known, self.free.get(place)) {
+                return Some((1.0, self.known_slope(known, *nominal, &moves)));
+            }
             let by = |step: f64| {
                 let mut moved = x.clone();
                 moved[place] += step;
@@ -558,6 +618,8 @@ pub struct Engine<'a, M> {
     pub model: &'a M,
     fits: Mutex<HashMap<Key, Option<Fit>>>,
     promised: Mutex<HashMap<(promises::Place, usize), f64>>,
+    judged: Mutex<HashMap<promises::Place, Option<marginal::GroupEvidence>>>,
+    nominal_slopes: OnceLock<Option<NominalSlopes>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -567,8 +629,6 @@ pub struct Hypothesis {
     pub candidates: Vec<usize>,
     /// The fit.
     pub fit: Fit,
-    /// Its minimum was sought to the last digit that matters.
-    pub polished: bool,
 }
 
 /// A candidate of a hypothesis, and another form of the same effect for its place.
@@ -588,6 +648,8 @@ impl<'a, M: Model> Engine<'a, M> {
             model,
             fits: Mutex::default(),
             promised: Mutex::default(),
+            judged: Mutex::default(),
+            nominal_slopes: OnceLock::new(),
         }
     }
 
@@ -647,16 +709,40 @@ impl<'a, M: Model> Engine<'a, M> {
         problem.fit(&found)
     }
 
-    /// Cost of `block` alone, the candidates of `hypothesis` fitted to it from where they are; what
-    /// is known where nothing ties it to others.
-    pub fn cost_alone(&self, block: usize, hypothesis: &Hypothesis) -> Option<f64> {
-        let groups = self.groups(&hypothesis.candidates).into_iter();
-        let mut own = groups.filter(|(blocks, _)| *blocks == [block]);
-        if let Some((blocks, candidates)) = own.next() {
-            return Some(self.group(&blocks, &candidates)?.score());
-        }
-        let fit = self.refitted(hypothesis, (&[block], &hypothesis.candidates), LOOSE, false)?;
-        Some(fit.score())
+    /// Slopes by nominal values, about their fit without effects.
+    fn nominal_slopes(&self) -> Option<&NominalSlopes> {
+        let found = || {
+            let null = self.joined(&[])?;
+            let (records, blocks) = (self.model.records(), self.model.blocks().len());
+            let mut columns = HashMap::new();
+            let mut first = Vec::new();
+            for block in 0..blocks {
+                let own = [block];
+                let free = self.free(&own);
+                let mut problem = Problem::new(self.model, &own, &free, &[]);
+                problem.records = records;
+                let nominal = free.iter().map(|n| null.nominal[*n]);
+                let found = at(&mut problem, DVector::from_iterator(free.len(), nominal))?;
+                let slopes = problem.slopes(&found.x, &found.residuals)?;
+                for (place, nominal) in free.iter().enumerate() {
+                    let column = |matrix: &DMatrix<f64>| {
+                        matrix.column(place).iter().copied().collect::<Vec<f64>>()
+                    };
+                    let own = [column(&slopes.values), column(&slopes.slack)];
+                    columns.insert((block, *nominal), own);
+                }
+                let rows = (0..records).map(|record| self.model.rows(record, block));
+                first.push(
+                    rows.scan(0, |sum, rows| {
+                        *sum += rows;
+                        Some(*sum - rows)
+                    })
+                    .collect(),
+                );
+            }
+            Some(NominalSlopes { columns, first })
+        };
+        self.nominal_slopes.get_or_init(found).as_ref()
     }
 
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
@@ -667,6 +753,7 @@ impl<'a, M: Model> Engine<'a, M> {
             let found = minimize(&mut problem, DVector::zeros(free.len()), TIGHT)?;
             return problem.fit(&found);
         }
+        problem.known = self.nominal_slopes();
         let mut begun = Vec::new();
         let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
         if let [own] = candidates {
@@ -693,6 +780,7 @@ impl<'a, M: Model> Engine<'a, M> {
             }
         }
         let best = begun.into_iter().min_by(least)?;
+        problem.known = None;
         let found = minimize(&mut problem, best.x, LOOSE)?;
         problem.fit(&found)
     }
@@ -760,39 +848,17 @@ impl<'a, M: Model> Engine<'a, M> {
         for record in 0..self.model.records() {
             fit.free_run += self.model.free_run(record, &fit.nominal, &fit.effects)?;
         }
-        Some(Hypothesis {
-            candidates,
-            fit,
-            polished: false,
-        })
-    }
-
-    /// `hypothesis` with its minimum found to the last digit that matters.
-    pub fn polished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
-        self.tightened(hypothesis, false)
+        Some(Hypothesis { candidates, fit })
     }
 
     /// `hypothesis` as it is estimated: noise at the edges of dead zones, which is the same for
     /// all that are compared, does not push them out.
     pub fn estimated(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
-        self.tightened(hypothesis, true)
-    }
-
-    fn tightened(&self, hypothesis: &Hypothesis, edged: bool) -> Option<Hypothesis> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            joint.join(if touching.is_empty() && !edged {
-                // It is tight already.
-                self.group(&blocks, &touching)?
-            } else {
-                self.refitted(hypothesis, (&blocks, &touching), TIGHT, edged)?
-            });
+            joint.join(self.refitted(hypothesis, (&blocks, &touching), TIGHT, true)?);
         }
-        let tightened = self.finished(hypothesis.candidates.clone(), joint)?;
-        Some(Hypothesis {
-            polished: !edged,
-            ..tightened
-        })
+        self.finished(hypothesis.candidates.clone(), joint)
     }
 
     /// Hypotheses with one candidate in another form of the same effect, and fitted from

@@ -438,7 +438,7 @@ impl Direction {
 }
 
 /// When a fit ends.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Goal {
     /// Decrease of the cost below which it does, of the cost itself and at all.
     pub relative: f64,

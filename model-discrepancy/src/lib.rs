@@ -2,9 +2,8 @@
 
 pub mod engine;
 pub mod evidence;
-pub mod form_fit;
 pub mod least_squares;
 pub mod left;
 pub mod rows;
-pub mod signature;
+mod search;
 pub mod verdict;

@@ -1,27 +1,35 @@
-//! What evidence is computed from: residuals, and columns that change them.
+//! Rows of residuals in time, and the process that a model which is not exact leaves in them.
 
 use nalgebra::DMatrix;
 
-/// The rows of one block over all records.
+/// When the residuals of a block over a record were measured, and how far they may be off in a
+/// sound rig.
 #[derive(Clone, Debug, Default)]
-pub struct Rows {
-    /// Time of each row \[s\].
+pub struct Timeline {
+    /// Time of each residual \[s\], ascending where `base` is not 0.
     pub time_s: Vec<f64>,
-    /// Whether the row begins a record, of whose process the one before tells nothing.
-    pub begins: Vec<bool>,
-    /// What is measured less what the nominal model says, in units of the row's noise.
-    pub residual: Vec<f64>,
-    /// RMS that the nominal model of a sound rig may leave, in units of the row's noise.
+    /// RMS that the nominal model of a sound rig may leave, in units of the residual's noise; 0 for
+    /// a residual that is a prior or a reading, and has no part in the process.
     pub base: Vec<f64>,
-    /// Whether the row has a part in the process that its block leaves.
-    pub in_process: Vec<bool>,
 }
 
-/// A column over the rows of each block, in units of the rows' noise; empty where it changes none.
-pub type Column = Vec<Vec<f64>>;
+/// The rows of one block over all records.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rows {
+    /// Time of each row \[s\].
+    pub(crate) time_s: Vec<f64>,
+    /// Whether the row begins a record, of whose process the one before tells nothing.
+    pub(crate) begins: Vec<bool>,
+    /// Standard deviation of the row's white noise.
+    pub(crate) deviation: Vec<f64>,
+    /// RMS of the process of amplitude 1.
+    pub(crate) base: Vec<f64>,
+}
 
 impl Rows {
-    /// `values`, a column for each row, whitened, and half the log determinant of the covariance.
+    /// `values`, a column for each row, whitened, and half the log determinant of the covariance:
+    /// of white noise and an Ornstein–Uhlenbeck process of this amplitude, in bases, by a scalar
+    /// Kalman filter.
     pub(crate) fn whitened(
         &self,
         mut values: DMatrix<f64>,
@@ -31,23 +39,21 @@ impl Rows {
         let stationary = amplitude * amplitude;
         let mut expected = vec![0.0; values.nrows()];
         let (mut variance, mut half_log_determinant) = (stationary, 0.0);
+        let mut last_s = 0.0;
         for row in 0..values.ncols() {
-            if row > 0 {
-                let passed_s = self.time_s[row] - self.time_s[row - 1];
-                let kept = if self.begins[row] {
-                    0.0
-                } else {
-                    (-passed_s / time_constant_s).exp()
-                };
+            if self.begins[row] {
+                expected.fill(0.0);
+                variance = stationary;
+            } else if self.base[row] > 0.0 {
+                let kept = (-(self.time_s[row] - last_s).max(0.0) / time_constant_s).exp();
                 expected.iter_mut().for_each(|value| *value *= kept);
                 variance = kept * kept * variance + stationary * (1.0 - kept * kept);
             }
-            let gain = if self.in_process[row] {
-                self.base[row]
-            } else {
-                0.0
-            };
-            let innovation = gain * gain * variance + 1.0;
+            let gain = self.base[row];
+            if gain > 0.0 {
+                last_s = self.time_s[row];
+            }
+            let innovation = gain * gain * variance + self.deviation[row].powi(2);
             half_log_determinant += 0.5 * innovation.ln();
             let per_deviation = innovation.sqrt().recip();
             let correction = gain * variance / innovation;

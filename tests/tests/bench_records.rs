@@ -1,7 +1,7 @@
 //! `diagnose` on records of a bench: the muscle is clamped, its pressure is the input, and the
 //! force is measured. The truth here is written out by hand.
 
-use hil_sim::identify::diagnosis::{Diagnosis, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosis, Options, diagnose};
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
 use model_discrepancy::verdict::Verdict;
@@ -135,7 +135,11 @@ fn diagnosed_as(bench: Bench, run: Run, sigma: f64, seen: fn(Record) -> Record) 
     };
     let fit: Vec<Record> = [(1, 0.0), (2, 0.05), (3, 0.12)].map(at).into();
     let validate = vec![at((4, 0.08))];
-    let diagnosed = diagnose(&rig(sigma), &fit, &validate, &without, &|_| ());
+    let options = Options {
+        without,
+        ..Options::default()
+    };
+    let diagnosed = diagnose(&rig(sigma), &fit, &validate, &options, &|_| ());
     diagnosed.expect("a diagnosis").diagnosis
 }
 

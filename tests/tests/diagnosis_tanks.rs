@@ -6,7 +6,7 @@
 
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model, Parameter};
 use model_discrepancy::least_squares::Residuals;
-use model_discrepancy::verdict::{Choice, Verdict, choose};
+use model_discrepancy::verdict::{Costs, Selection, Verdict, select};
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng;
@@ -255,17 +255,17 @@ impl Model for TankModel {
     }
 }
 
-/// The names that a choice gives: none unless it explains.
-fn names(model: &TankModel, choice: &Choice) -> Vec<&'static str> {
-    let named = match choice.verdict {
-        Verdict::Explained => &choice.best.candidates[..],
-        _ => &[],
-    };
-    named.iter().map(|c| model.candidates[*c].effect).collect()
+fn names(model: &TankModel, selection: &Selection) -> Vec<&'static str> {
+    let named = selection.named.candidates.iter();
+    named.map(|c| model.candidates[*c].effect).collect()
 }
 
-fn chosen(model: &TankModel) -> Choice {
-    choose(&Engine::new(model), &|_| ()).expect("a model with a solution")
+fn selected(engine: &Engine<TankModel>) -> Selection {
+    select(engine, Costs::default(), &|_| ()).expect("a model with a solution")
+}
+
+fn chosen(model: &TankModel) -> Selection {
+    selected(&Engine::new(model))
 }
 
 /// Sizes that show: 6 to 30 times the noise, or a limit that is met.
@@ -298,13 +298,14 @@ fn a_hidden_effect_is_named_with_its_size() {
             let tanks = Tanks::new(&TRUE).with(effect, size);
             let model = TankModel::new(&tanks, seed, &[]);
             let engine = Engine::new(&model);
-            let choice = choose(&engine, &|_| ()).expect("a model with a solution");
-            let shares = (choice.verdict, choice.share);
-            assert_eq!(names(&model, &choice), [effect], "seed {seed}: {shares:?}");
+            let choice = selected(&engine);
+            let found = (choice.verdict, names(&model, &choice));
+            let expected = (Verdict::Explained, vec![effect]);
+            assert_eq!(found, expected, "seed {seed}: {:?}", choice.posterior);
             let others = &choice.alternatives[0];
             assert!(others.is_empty(), "{effect}, seed {seed}: {others:?}");
-            let [low, high] = engine.intervals(&choice.best).expect("intervals")[0][0];
-            let value = choice.best.fit.effects[0].1[0];
+            let [low, high] = engine.intervals(&choice.named).expect("intervals")[0][0];
+            let value = choice.named.fit.effects[0].1[0];
             assert!(
                 (value - size).abs() < 0.1 * size.abs() && high - low < 0.3 * size.abs(),
                 "{effect}, seed {seed}: {value} in {low} to {high}, hidden {size}"
@@ -395,7 +396,6 @@ fn a_value_far_outside_its_tolerance_is_left_unexplained() {
         let choice = chosen(&model);
         let found = (choice.verdict, names(&model, &choice));
         assert_eq!(found, (Verdict::Unexplained, vec![]), "seed {seed}");
-        assert!(choice.far, "seed {seed}");
         assert_eq!(choice.left, [UPPER], "seed {seed}");
     }
 }
@@ -407,7 +407,7 @@ fn an_effect_taken_out_of_the_catalogue_is_not_named_as_another() {
         let tanks = Tanks::new(&TRUE).with(effect, *size);
         let model = TankModel::new(&tanks, 1, &[effect]);
         let choice = chosen(&model);
-        let found = (names(&model, &choice), choice.share);
+        let found = names(&model, &choice);
         assert_eq!(
             choice.verdict,
             Verdict::Unexplained,
@@ -417,15 +417,16 @@ fn an_effect_taken_out_of_the_catalogue_is_not_named_as_another() {
 }
 
 #[test]
-fn what_is_left_of_one_block_leaves_all_unexplained() {
+fn what_is_left_beside_a_named_effect_is_said() {
     let (effect, size) = HIDDEN[3];
     let mut tanks = Tanks::new(&TRUE).with(effect, size);
     // The saturation explains nearly all of what is above the noise, and nothing of the swell.
     tanks.swell_m_per_s = 0.004;
-    let choice = chosen(&TankModel::new(&tanks, 1, &[]));
-    assert_eq!(choice.verdict, Verdict::Unexplained, "{}", choice.share);
-    assert!(choice.share > 0.8, "{}", choice.share);
-    assert_eq!(choice.left, [UPPER, LOWER]);
+    let model = TankModel::new(&tanks, 1, &[]);
+    let choice = chosen(&model);
+    assert_eq!(choice.verdict, Verdict::Partial, "{:?}", choice.posterior);
+    assert_eq!(names(&model, &choice), [effect]);
+    assert_eq!(choice.left, [LOWER]);
 }
 
 #[test]
@@ -438,26 +439,25 @@ fn an_estimate_where_its_effect_ends_is_not_named() {
         let choice = chosen(&model);
         let found = names(&model, &choice);
         assert_eq!((choice.verdict, &found[..]), expected, "{size} m");
-        assert!(choice.share > 0.99, "{size} m: {}", choice.share);
     }
 }
 
+/// The costs of wrong answers decide how probable a name must be: dear enough, none is.
 #[test]
-fn what_has_one_form_is_named_only_if_it_leaves_nothing() {
-    // Both explain most; a leak may be of another form than this one.
-    for (effect, size, swell, expected) in [
-        ("sensor-offset", -0.06, 0.002, Verdict::Unexplained),
-        ("sensor-offset", -0.06, 0.0, Verdict::Explained),
-        ("leak", 0.02, 0.002, Verdict::Explained),
-    ] {
-        let mut tanks = Tanks::new(&TRUE).with(effect, size);
-        tanks.swell_m_per_s = swell;
-        let choice = chosen(&TankModel::new(&tanks, 1, &[]));
-        let share = choice.share;
-        assert_eq!(choice.verdict, expected, "{effect}, {swell} m/s: {share}");
-        assert!(
-            swell == 0.0 || (0.75..0.97).contains(&share),
-            "{effect}: {share}"
-        );
-    }
+fn a_name_costs_what_it_is_said_to() {
+    let (effect, size) = HIDDEN[0];
+    let model = TankModel::new(&Tanks::new(&TRUE).with(effect, 0.3 * size), 1, &[]);
+    let engine = Engine::new(&model);
+    let named = |wrong_name: f64| {
+        let costs = Costs {
+            wrong_name,
+            missing_name: 1.0,
+        };
+        let selection = select(&engine, costs, &|_| ()).expect("a model with a solution");
+        let sum: f64 = selection.posterior.iter().map(|set| set.probability).sum();
+        assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+        names(&model, &selection)
+    };
+    assert_eq!(named(1.0), [effect]);
+    assert_eq!(named(1e300), [""; 0]);
 }

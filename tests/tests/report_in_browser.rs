@@ -5,7 +5,7 @@
 
 use hil_sim::bench::closed_loop::Run;
 use hil_sim::design::report::{Question, design_report};
-use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosed, Options, diagnose};
 use hil_sim::identify::report::report as diagnosis_report;
 use hil_sim::identify::simulate::simulate;
 use hil_sim::paper::paper;
@@ -367,7 +367,11 @@ fn diagnosed() -> (Diagnosed, Vec<Record>, String) {
         .map(|kind| kind.name.to_string());
     let without: Vec<String> = names.filter(|name| !kept.contains(&&name[..])).collect();
     let validate = vec![record(1)];
-    let diagnosed = diagnose(&nominal, &[record(0)], &validate, &without, &|_| ());
+    let options = Options {
+        without,
+        ..Options::default()
+    };
+    let diagnosed = diagnose(&nominal, &[record(0)], &validate, &options, &|_| ());
     let diagnosed = diagnosed.expect("a diagnosis");
     let fitted = diagnosed
         .fitted

@@ -3,14 +3,14 @@
 use super::Failure;
 use super::Progress;
 use hil_sim::error::{BadInput, one_of};
-use hil_sim::identify::diagnosis::diagnose;
+use hil_sim::identify::diagnosis::{Options, diagnose};
 use hil_sim::identify::provenance::{file_hash, provenance};
 use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, utc, write_atomically, written_at};
 use hil_sim::record::Record;
 use hil_sim::record::check::check;
 use hil_sim::rig::{FileHash, Rig};
-use model_discrepancy::verdict::Step;
+use model_discrepancy::verdict::{Costs, Step};
 use muscle_plant::effects::Catalogue;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -42,12 +42,29 @@ pub struct Args {
     /// Remove an effect from the catalogue; may be given more than once
     #[arg(long, value_name = "NAME", value_parser = effect)]
     without: Vec<String>,
+    /// What it costs to name an effect that is not there, in units of the next option
+    #[arg(long, value_name = "COST", value_parser = cost,
+          default_value_t = Costs::default().wrong_name)]
+    cost_wrong_name: f64,
+    /// What it costs not to name an effect that is there
+    #[arg(long, value_name = "COST", value_parser = cost,
+          default_value_t = Costs::default().missing_name)]
+    cost_missing_name: f64,
     /// Number of threads; all cores if omitted
     #[arg(long, value_name = "COUNT")]
     threads: Option<usize>,
     /// Print the diagnosis as JSON instead of text
     #[arg(long)]
     json: bool,
+}
+
+fn cost(text: &str) -> Result<f64, String> {
+    let cost: f64 = text.parse().map_err(|_| "expected a number above 0")?;
+    if cost > 0.0 && cost.is_finite() {
+        Ok(cost)
+    } else {
+        Err("expected a number above 0".into())
+    }
 }
 
 fn effect(name: &str) -> Result<String, String> {
@@ -122,6 +139,16 @@ fn check_apart(args: &Args) -> Result<(), BadInput> {
     }
 }
 
+fn options(args: &Args) -> Options {
+    Options {
+        without: args.without.clone(),
+        costs: Costs {
+            wrong_name: args.cost_wrong_name,
+            missing_name: args.cost_missing_name,
+        },
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let date = utc(written_at()?);
@@ -153,7 +180,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 progress.step();
             }
         };
-        pool.install(|| diagnose(&rig, &fit, &validate, &args.without, &watch))?
+        pool.install(|| diagnose(&rig, &fit, &validate, &options(args), &watch))?
     };
     if rig.tolerances.is_empty() {
         let words = "the rig has no tolerances: the verdict rests on its values being exact";

@@ -12,9 +12,9 @@ use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use model_discrepancy::engine::{Active, Engine, Hypothesis, Model, Part, Tally};
+use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Tally};
 use model_discrepancy::left::{Profile, profiles, when};
-use model_discrepancy::verdict::{Choice, SHARE, Step, TOO_FAR, Verdict, Watch, choose};
+use model_discrepancy::verdict::{Costs, Selection, Step, Verdict, Watch, select};
 use muscle_plant::nominal::Gas;
 use muscle_plant::simulation::TOLERANCE;
 use rayon::prelude::*;
@@ -37,12 +37,11 @@ pub struct Estimate {
 /// Why an effect is named.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evidence {
-    /// Half the sum of squared residuals, in units of their noise, over all records: with it.
-    pub cost: f64,
-    /// The same without it, the rest fitted anew.
-    pub cost_without: f64,
-    /// The mark that it leaves.
-    pub mark: &'static str,
+    /// By how much the log probability of the most probable set with it exceeds that of the most
+    /// probable set without it, in nats; none if every set that was judged has it.
+    pub gain_nats: Option<f64>,
+    /// Its signature.
+    pub signature: &'static str,
     /// Where its equations come from.
     pub source: &'static str,
     /// What they leave out.
@@ -61,6 +60,8 @@ pub struct Named {
     pub place: &'static str,
     /// Its parameters.
     pub parameters: BTreeMap<&'static str, Estimate>,
+    /// Probability that it, or one of its alternatives, is present.
+    pub probability: f64,
     /// Effects that the data cannot tell from it.
     pub alternatives: Vec<&'static str>,
     /// Why it is named.
@@ -135,13 +136,15 @@ pub struct Remaining {
     pub when: String,
 }
 
-/// A set of effects that was tried.
+/// A set of effects, perhaps with unknowns, and its posterior probability.
 #[derive(Clone, Debug, Serialize)]
-pub struct Tried {
-    /// The effects, each with its form.
-    pub effects: Vec<String>,
-    /// Cost over what was fitted, and over what was predicted.
-    pub cost: [f64; 2],
+pub struct Hypothesis {
+    /// The effects' names.
+    pub effects: Vec<&'static str>,
+    /// Subsystems with an unknown.
+    pub unknown: Vec<&'static str>,
+    /// Its probability.
+    pub probability: f64,
 }
 
 /// A block, before and after.
@@ -186,8 +189,8 @@ pub struct Diagnosis {
     pub calibrated: Vec<Calibrated>,
     /// Block by block.
     pub blocks: Vec<BlockOf>,
-    /// What was tried, best first.
-    pub tried: Vec<Tried>,
+    /// The posterior, the most probable first: as many as are needed for all but a thousandth.
+    pub hypotheses: Vec<Hypothesis>,
     /// What the records lack.
     pub warnings: Vec<String>,
     /// Where the time went.
@@ -212,8 +215,8 @@ pub struct Diagnosed {
     pub free_runs: Vec<[Record; 2]>,
 }
 
-/// Sets of effects that are listed in the result.
-const LISTED: usize = 25;
+/// Probability of the hypotheses that are not listed in the result.
+const UNLISTED: f64 = 1e-3;
 /// A nominal value that had to move by more than this many standard deviations is not what it was
 /// said to be.
 const FAR: f64 = 4.0;
@@ -265,8 +268,17 @@ pub(super) fn driven(rig: &Rig, records: &[Record]) -> Result<Vec<Record>, BadIn
     Ok(records)
 }
 
-/// Diagnoses `rig` from records to `fit`, judged by records to `validate`; effects named in
-/// `without` are left out of the catalogue, and `watch` is told what is being done.
+/// How a diagnosis is made.
+#[derive(Clone, Debug, Default)]
+pub struct Options {
+    /// Names of effects that are left out of the catalogue.
+    pub without: Vec<String>,
+    /// What wrong answers cost.
+    pub costs: Costs,
+}
+
+/// Diagnoses `rig` from records to `fit`, judged by records to `validate`; `watch` is told what is
+/// being done.
 ///
 /// # Errors
 /// Rig and records do not fit together, or do not suffice.
@@ -274,7 +286,7 @@ pub fn diagnose(
     rig: &Rig,
     fit: &[Record],
     validate: &[Record],
-    without: &[String],
+    options: &Options,
     watch: Watch,
 ) -> Result<Diagnosed, BadInput> {
     let mut clock = Clock {
@@ -283,19 +295,24 @@ pub fn diagnose(
     };
     watch(Step::Stage("data and noise", 0));
     let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
-    let model = MuscleModel::new(rig, fit, validate, without)?;
+    let model = MuscleModel::new(rig, fit, validate, &options.without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
-    let choice = choose(&engine, watch).ok_or_else(|| rig.bad_file(expected))?;
+    let selection = select(&engine, options.costs, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
-    watch(Step::Stage("intervals and free runs", 0));
-    let chosen = choice.taken();
-    let estimated = engine.estimated(chosen);
-    let taken = estimated.as_ref().unwrap_or(chosen);
-    let nominal = model.refined(&taken.fit.nominal, &taken.fit.effects);
+    watch(Step::Stage("intervals and simulations", 0));
+    let estimated = engine.estimated(&selection.named);
+    let taken = estimated.as_ref().unwrap_or(&selection.named);
+    let nominal = if selection.verdict == Verdict::Unexplained {
+        // What is unknown must not be taken up by nominal values.
+        let weights = engine.nominal_beside_unknown(&selection.null);
+        weights.unwrap_or_else(|| vec![0.0; rig.tolerances.len()])
+    } else {
+        model.refined(&taken.fit.nominal, &taken.fit.effects)
+    };
     let fitted = model.fitted(&nominal, &taken.fit.effects);
-    let effects = named(&engine, &choice, taken);
+    let effects = named(&engine, &selection, taken);
     clock.lap("intervals");
     let free_run = |record: &Record| {
         let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
@@ -305,31 +322,27 @@ pub fn diagnose(
         .par_iter()
         .map(free_run)
         .collect::<Result<Vec<_>, BadInput>>()?;
-    clock.lap("free runs");
-    let blocks = blocks(&model, &choice.null, taken);
+    clock.lap("simulations");
+    let blocks = blocks(&model, &selection.null, taken);
     let left = |block: &usize| model.blocks()[*block];
     let of_left = blocks
         .iter()
         .enumerate()
-        .filter(|(place, _)| choice.left.contains(place));
-    let words: Vec<String> = if choice.far {
-        vec!["only values far outside their tolerances do".into()]
-    } else {
-        of_left.map(|(_, block)| when(&block.profiles[1])).collect()
-    };
+        .filter(|(place, _)| selection.left.contains(place));
+    let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
     let calibrated = model.calibrated(&nominal);
     let gap = gaps(&model, rig, validate, &free_runs);
-    let mut warnings = warnings(&model, &choice, &calibrated);
-    warnings.extend(predictions(&gap, choice.verdict));
+    let mut warnings = warnings(&model, &calibrated);
+    warnings.extend(predictions(&gap, selection.verdict));
     clock.lap("report");
     let diagnosis = Diagnosis {
-        schema: 1,
-        verdict: choice.verdict,
-        next_experiment: next_experiment(&model, &choice, &effects),
+        schema: 2,
+        verdict: selection.verdict,
+        next_experiment: next_experiment(&model, &selection, &effects),
         effects,
         gap,
         remaining: Remaining {
-            places: choice
+            places: selection
                 .left
                 .iter()
                 .flat_map(|block| model.places(left(block)))
@@ -338,7 +351,7 @@ pub fn diagnose(
         },
         calibrated,
         blocks,
-        tried: tried(&model, &choice.tried),
+        hypotheses: hypotheses(&model, &selection),
         warnings,
         stages: clock.stages,
     };
@@ -349,14 +362,27 @@ pub fn diagnose(
     })
 }
 
-/// What is doubtful about records and rig, and about what was tried.
-fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> Vec<String> {
+/// The posterior, without what hardly anything speaks for.
+fn hypotheses(model: &MuscleModel, selection: &Selection) -> Vec<Hypothesis> {
+    let mut left = 1.0;
+    let mut listed = selection.posterior.iter().take_while(|set| {
+        let is_listed = left > UNLISTED;
+        left -= set.probability;
+        is_listed
+    });
+    listed
+        .by_ref()
+        .map(|set| Hypothesis {
+            effects: set.effects.clone(),
+            unknown: model.unknown_in(set.unknown),
+            probability: set.probability,
+        })
+        .collect()
+}
+
+/// What is doubtful about records and rig.
+fn warnings(model: &MuscleModel, calibrated: &[Calibrated]) -> Vec<String> {
     let mut warnings = model.warnings();
-    let blocks = model.blocks().len();
-    // Where effects explain most, one block alone may be left.
-    if choice.left.len() == blocks && blocks > 1 && choice.share < SHARE {
-        warnings.push("every equation is off: the records may be of another rig".into());
-    }
     for value in calibrated
         .iter()
         .filter(|value| value.deviation.abs() > FAR)
@@ -366,7 +392,6 @@ fn warnings(model: &MuscleModel, choice: &Choice, calibrated: &[Calibrated]) -> 
             value.key, value.deviation
         ));
     }
-    warnings.extend(refused(model, choice));
     warnings
 }
 
@@ -387,7 +412,7 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
             )
         })
         .collect();
-    if verdict == Verdict::Unexplained && !rest.is_empty() {
+    if matches!(verdict, Verdict::Unexplained | Verdict::Partial) && !rest.is_empty() {
         let signals: Vec<&str> = rest.iter().map(|(signal, _)| *signal).collect();
         warnings.push(format!(
             "{}: what is left has no name, so the calibrated values may predict other records \
@@ -398,32 +423,7 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
     warnings
 }
 
-/// Why the best set of effects is not named, if it is not for what it leaves.
-fn refused(model: &MuscleModel, choice: &Choice) -> Vec<String> {
-    if choice.verdict != Verdict::Unexplained || choice.best.candidates.is_empty() {
-        return Vec::new();
-    }
-    let best = &choice.best.fit;
-    let mut refused: Vec<String> = Vec::new();
-    for (own, values) in &best.effects {
-        let own = &model.candidates()[*own];
-        refused.extend(own.ended(values).map(|(parameter, value)| {
-            let (effect, form, name) = (own.effect, own.form, parameter.name);
-            let beyond = "beyond which it is another effect, or none";
-            format!("not named: {effect} ({form}) with {name} at {value:.3}, {beyond}")
-        }));
-    }
-    let nominal = model.calibrated(&best.nominal);
-    let far = nominal
-        .iter()
-        .filter(|value| value.deviation.abs() > TOO_FAR);
-    refused.extend(far.map(|Calibrated { key, deviation, .. }| {
-        format!("not named: what needs {key} {deviation:.0} of its standard deviations off")
-    }));
-    refused
-}
-
-fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> Vec<Named> {
+fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {
     let all = engine.model.candidates();
     let intervals = engine.intervals(taken);
     let of = |(place, (candidate, values)): (usize, &Active)| {
@@ -439,27 +439,20 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
             };
             (parameter.name, estimate)
         });
-        let kept: Vec<usize> = taken
-            .candidates
-            .iter()
-            .copied()
-            .filter(|c| c != candidate)
-            .collect();
-        let others = |h: &&Hypothesis| {
-            let keeps = |c: &usize| kept.iter().any(|kept| all[*kept].effect == all[*c].effect);
-            h.candidates.len() == kept.len() && h.candidates.iter().all(keeps)
-        };
-        let without = choice.tried.iter().find(others).unwrap_or(&choice.null);
         Some(Named {
             name: effect,
             form,
             place: kind.subsystem.name(),
             parameters: parameters.collect(),
-            alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
+            probability: *selection.probabilities.get(place)?,
+            alternatives: selection
+                .alternatives
+                .get(place)
+                .cloned()
+                .unwrap_or_default(),
             evidence: Evidence {
-                cost: taken.fit.score(),
-                cost_without: without.fit.score(),
-                mark: kind.signature,
+                gain_nats: selection.gain_nats(effect),
+                signature: kind.signature,
                 source: kind.form(form)?.source,
                 leaves_out: kind.form(form)?.leaves_out,
             },
@@ -474,26 +467,11 @@ fn named(engine: &Engine<MuscleModel>, choice: &Choice, taken: &Hypothesis) -> V
         .collect()
 }
 
-fn tried(model: &MuscleModel, tried: &[Hypothesis]) -> Vec<Tried> {
-    let name = |candidate: &usize| {
-        let candidate = &model.candidates()[*candidate];
-        format!("{} ({})", candidate.effect, candidate.form)
-    };
-    let of = |h: &Hypothesis| {
-        let predicted: f64 = h.fit.parts.iter().map(|part| part.predicted.cost).sum();
-        Tried {
-            effects: h.candidates.iter().map(name).collect(),
-            cost: [h.fit.score() - predicted, predicted],
-        }
-    };
-    tried.iter().take(LISTED).map(of).collect()
-}
-
-fn blocks(model: &MuscleModel, null: &Hypothesis, taken: &Hypothesis) -> Vec<BlockOf> {
+fn blocks(model: &MuscleModel, null: &Fitted, taken: &Fitted) -> Vec<BlockOf> {
     // Where nothing is named, before is as after, not as it was compared.
     let named = !taken.candidates.is_empty();
     let null = if named { null } else { taken };
-    let mean = |h: &Hypothesis, block: usize| {
+    let mean = |h: &Fitted, block: usize| {
         let part = h.fit.parts.iter().find(|part| part.block == block);
         let Tally { outside, count, .. } = part.map(Part::total).unwrap_or_default();
         2.0 * outside / count.max(1) as f64
@@ -541,7 +519,7 @@ fn gaps(
 }
 
 /// The experiment that would tell what the records leave open.
-fn next_experiment(model: &MuscleModel, choice: &Choice, effects: &[Named]) -> String {
+fn next_experiment(model: &MuscleModel, selection: &Selection, effects: &[Named]) -> String {
     let told = |name: &str| model.catalogue().find(name).map(|kind| kind.test_signal);
     if let Some(open) = effects
         .iter()
@@ -555,7 +533,7 @@ fn next_experiment(model: &MuscleModel, choice: &Choice, effects: &[Named]) -> S
         let experiment = told(effect.name).unwrap_or_default();
         return format!("To know {} better: {experiment}", effect.name);
     }
-    match choice.verdict {
+    match selection.verdict {
         Verdict::Consistent => "None: the records ask for no effect. To be surer, record larger \
                                 and faster motions."
             .into(),

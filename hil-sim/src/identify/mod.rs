@@ -4,7 +4,6 @@
 pub mod compare;
 pub mod diagnosis;
 pub mod gap;
-pub mod hypotheses;
 mod initial;
 mod inputs;
 pub mod muscle;

@@ -11,8 +11,6 @@ mod begin;
 mod between;
 mod force;
 mod kernel;
-mod linearized;
-mod observed_gas;
 mod play;
 mod prepared;
 mod residuals;
@@ -29,9 +27,10 @@ use force::{Force, ForceRange, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::{Residuals, loss};
-use model_discrepancy::verdict::NOISE_ONLY;
+use model_discrepancy::rows::Timeline;
 use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement};
 use muscle_plant::nominal::Load;
+use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 pub use prepared::Noise;
 use prepared::Prepared;
 use rayon::prelude::*;
@@ -47,10 +46,12 @@ const MOTION_NOISES: f64 = 5.0;
 const MOTION_STOPS: f64 = 8.0;
 /// Share of a nominal value that is left at least.
 const LEAST_SHARE: f64 = 0.05;
-/// Shares by which noise may be larger than it is taken to be: of a sensor, from many samples; of
-/// what a bench repeats, from few runs (as many as a block may be above its noise).
-const DOUBT_OF_NOISE: f64 = 0.02;
-const DOUBT_OF_REPEATABILITY: f64 = NOISE_ONLY - 1.0;
+/// What the nominal model of a sound rig may leave: a share of the sensor's noise, and errors of
+/// the interpolation between samples \[Pa\], \[N\], and as a share of the weight.
+const BASE_NOISES: f64 = 0.3;
+const BASE_PA: f64 = 10.0;
+const BASE_N: f64 = 0.1;
+const BASE_SHARE: f64 = 2.5e-3;
 
 /// The nominal value that is refined on simulations.
 const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
@@ -364,6 +365,20 @@ impl MuscleModel {
         self.repeatability_n.is_some()
     }
 
+    /// The row of a record in which each residual of a block is.
+    fn record_rows(&self, record: &Prepared, block: usize) -> Vec<usize> {
+        match self.blocks[block] {
+            GAS => [&record.gas_rows[..], &[0; UNKNOWNS]].concat(),
+            FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
+            _ => {
+                let places = record.places.iter().map(|place| place.kernel.middle());
+                let unknown = [0; UNKNOWNS];
+                let rows = places.chain(unknown);
+                rows.chain(record.stops.iter().copied()).collect()
+            }
+        }
+    }
+
     /// The noise of each record; of the force, with what a bench does not repeat.
     pub fn noise(&self) -> Vec<Noise> {
         let of = |record: &Prepared| Noise {
@@ -417,15 +432,6 @@ impl Model for MuscleModel {
         self.blocks[block] != LOAD
     }
 
-    /// What a bench does not repeat is off for a whole run, not from row to row.
-    fn doubt_of_noise(&self, block: usize) -> f64 {
-        if self.blocks[block] == FORCE && self.repeatability_n.is_some() {
-            DOUBT_OF_REPEATABILITY
-        } else {
-            DOUBT_OF_NOISE
-        }
-    }
-
     /// The motion from the measured pressure: where the weight stays after each stop tells
     /// friction, play and slack far better than the balance of forces does, which knows only a tube
     /// there.
@@ -455,16 +461,7 @@ impl Model for MuscleModel {
 
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
         let record = &self.records[record];
-        let rows: Vec<usize> = match self.blocks[block] {
-            GAS => [&record.gas_rows[..], &[0; UNKNOWNS]].concat(),
-            FORCE => [&record.force_rows[..], &[0; UNKNOWNS]].concat(),
-            _ => {
-                let places = record.places.iter().map(|place| place.kernel.middle());
-                let unknown = [0; UNKNOWNS];
-                let rows = places.chain(unknown);
-                rows.chain(record.stops.iter().copied()).collect()
-            }
-        };
+        let rows = self.record_rows(record, block);
         let time_s = record.measured.time_s();
         let read = record.gas.as_ref().unwrap_or(&record.measured);
         let pressure_pa = read.column(PRESSURE_PA).unwrap_or_default();
@@ -485,6 +482,43 @@ impl Model for MuscleModel {
             }),
             of("time", "s", &|row| time_s[row] - time_s[0]),
         ]
+    }
+
+    fn timeline(&self, record_number: usize, block: usize) -> Timeline {
+        let record = &self.records[record_number];
+        let weight_n = match self.rig.nominal.load {
+            Load::Weight(weight) => weight.mass_kg * GRAVITY_M_PER_S2,
+            Load::Prescribed => 0.0,
+        };
+        let base_n = (BASE_NOISES * record.noise.force_n)
+            .hypot(self.repeatability_n.unwrap_or(0.0))
+            .hypot(BASE_N)
+            .hypot(BASE_SHARE * weight_n);
+        let base_pressure = BASE_NOISES.hypot(BASE_PA / record.noise.pressure_pa);
+        let mut bases = match self.blocks[block] {
+            GAS => vec![base_pressure; record.gas_rows.len()],
+            FORCE => record
+                .per_force_noise
+                .iter()
+                .map(|per| base_n * per)
+                .collect(),
+            _ => record
+                .places
+                .iter()
+                .map(|place| base_n * place.per_noise)
+                .collect(),
+        };
+        // What a record has of its own is no measurement; a reading at the stop is exact.
+        bases.resize(self.rows(record_number, block), 0.0);
+        let time_s = record.measured.time_s();
+        let rows = self.record_rows(record, block);
+        Timeline {
+            time_s: rows
+                .into_iter()
+                .map(|row| time_s[row] - time_s[0])
+                .collect(),
+            base: bases,
+        }
     }
 
     fn residuals(

@@ -32,7 +32,7 @@ pub fn provenance(
     let effects = diagnosis.effects.iter().map(|named| FoundEffect {
         name: named.name.into(),
         form: named.form.into(),
-        support_nats: named.evidence.cost_without - named.evidence.cost,
+        probability: named.probability,
         alternatives: named.alternatives.iter().map(|&n| n.into()).collect(),
         ci95: named
             .parameters

@@ -1,14 +1,15 @@
 //! The diagnosis as a person reads it.
 
-use super::diagnosis::{self, Diagnosed, Diagnosis, GapOf, Named};
+use super::diagnosis::{Diagnosed, Diagnosis, GapOf, Hypothesis, Named};
 use crate::identify::gap::{SIGNALS, Signal, significant};
 use crate::record::Record;
 use crate::report::{Axis, Marker, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
 use model_discrepancy::verdict::Verdict;
 
-/// Candidates that are shown.
+/// Sets that are shown in the table, and in words.
 const SHOWN: usize = 12;
+const SHOWN_IN_WORDS: usize = 4;
 /// Names of the directions of a motion.
 const DIRECTIONS: [(f64, &str); 3] = [(-1.0, "extending"), (0.0, "at rest"), (1.0, "contracting")];
 
@@ -115,6 +116,45 @@ fn key_unit(unit: &str) -> String {
     )
 }
 
+/// A part of a sentence behind a comma, if there is one.
+fn with_comma(words: &str) -> String {
+    if words.is_empty() {
+        String::new()
+    } else {
+        format!(", {words}")
+    }
+}
+
+/// A set of effects and unknowns in words.
+fn set_in_words(hypothesis: &Hypothesis) -> String {
+    let effects = hypothesis.effects.iter().map(|name| (*name).to_owned());
+    let unknown = hypothesis.unknown.join(" or ");
+    let unknown = (!unknown.is_empty()).then(|| format!("unknown in {unknown}"));
+    let all: Vec<String> = effects.chain(unknown).collect();
+    if all.is_empty() {
+        "no effect".into()
+    } else {
+        all.join(" + ")
+    }
+}
+
+/// A probability, rounded away from certainty.
+fn percent(probability: f64) -> String {
+    match 100.0 * probability {
+        percent if percent > 99.9 => "> 99.9 %".into(),
+        percent if percent < 0.1 => "< 0.1 %".into(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
+/// The most probable sets.
+fn posterior_in_words(diagnosis: &Diagnosis) -> String {
+    let shown = diagnosis.hypotheses.iter().take(SHOWN_IN_WORDS);
+    let shown = shown.map(|own| format!("{} {}", set_in_words(own), percent(own.probability)));
+    let shown: Vec<String> = shown.collect();
+    format!("Probabilities: {}.", shown.join(", "))
+}
+
 /// What was found, in sentences; the first is the headline.
 pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
     let gaps = gap_in_words(diagnosis).map_or_else(String::new, |words| format!("; {words}"));
@@ -126,12 +166,22 @@ pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
             let names: Vec<&str> = diagnosis.effects.iter().map(|e| e.name).collect();
             format!("The rig shows {}{gaps}.", names.join(" and "))
         }
+        Verdict::Partial => {
+            let names: Vec<&str> = diagnosis.effects.iter().map(|e| e.name).collect();
+            format!(
+                "The rig shows {}, and something else is left in {}{}{gaps}.",
+                names.join(" and "),
+                diagnosis.remaining.places.join(" and "),
+                with_comma(&diagnosis.remaining.when)
+            )
+        }
         Verdict::Unexplained => format!(
-            "Unexplained: something is left in {} that no known effect explains, {}{gaps}.",
+            "Unexplained: something is left in {} that no known effect explains{}{gaps}.",
             diagnosis.remaining.places.join(" and "),
-            diagnosis.remaining.when
+            with_comma(&diagnosis.remaining.when)
         ),
     }];
+    said.push(posterior_in_words(diagnosis));
     said.extend(diagnosis.effects.iter().filter_map(parameters));
     for effect in &diagnosis.effects {
         if !effect.alternatives.is_empty() {
@@ -301,52 +351,14 @@ fn effect_table(diagnosis: &Diagnosis) -> Table {
     }
 }
 
-fn tried_table(diagnosis: &Diagnosis) -> Table {
-    let best = diagnosis
-        .tried
-        .first()
-        .map_or(0.0, |tried| tried.cost.iter().sum());
-    let effects = diagnosis.effects.iter();
-    let forms = effects.map(|e| format!("{} ({})", e.name, e.form));
-    let mut named: Vec<String> = forms.collect();
-    named.sort();
-    let is_named = |tried: &diagnosis::Tried| {
-        let mut effects = tried.effects.clone();
-        effects.sort();
-        diagnosis.verdict != Verdict::Unexplained && effects == named
-    };
-    let row = |tried: &diagnosis::Tried| {
-        let names = tried.effects.join(" + ");
-        let sum: f64 = tried.cost.iter().sum();
-        vec![
-            if names.is_empty() {
-                "none".into()
-            } else {
-                names
-            },
-            format!("{:.0}", tried.cost[0]),
-            format!("{:.0}", tried.cost[1]),
-            format!("{:+.0}", sum - best),
-            if is_named(tried) {
-                "named".into()
-            } else {
-                String::new()
-            },
-        ]
-    };
-    let columns = [
-        "effects",
-        "cost fitted",
-        "cost predicted",
-        "above the best",
-        "",
-    ];
+fn posterior_table(diagnosis: &Diagnosis) -> Table {
+    let row = |own: &Hypothesis| vec![set_in_words(own), percent(own.probability)];
     Table {
-        caption: "Half the sum of squared residuals in units of the noise; small differences mean \
-                  that the records cannot tell"
+        caption: "Posterior probabilities of sets of effects, alone and beside something that no \
+                  effect of the catalogue explains"
             .into(),
-        columns: columns.map(String::from).to_vec(),
-        rows: diagnosis.tried.iter().take(SHOWN).map(row).collect(),
+        columns: ["set", "probability"].map(String::from).to_vec(),
+        rows: diagnosis.hypotheses.iter().take(SHOWN).map(row).collect(),
     }
 }
 
@@ -373,14 +385,15 @@ fn missing(diagnosed: &Diagnosed) -> Section {
     let diagnosis = &diagnosed.diagnosis;
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
+        let gain = evidence.gain_nats.map_or_else(String::new, |nats| {
+            format!(" The most probable set without it is less probable by {nats:.0} nats.")
+        });
         format!(
-            "{} ({}): {} Without it the cost is {:.0}, with it {:.0}. {} \
-             Leaves out {}.",
+            "{} ({}, {}): {}{gain} {} Leaves out {}.",
             effect.name,
             effect.place,
-            evidence.mark,
-            evidence.cost_without,
-            evidence.cost,
+            percent(effect.probability),
+            evidence.signature,
             evidence.source,
             evidence.leaves_out
         )
@@ -443,14 +456,9 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
             missing(diagnosed),
             where_it_lives,
             Section {
-                heading: "What was tried".into(),
-                text: vec![
-                    "A set with a lower cost than the named one has a member without which \
-                     little more is left, moves a nominal value far, or makes a simulation worse."
-                        .into(),
-                    format!("Time spent: {}.", stages.join(", ")),
-                ],
-                tables: vec![tried_table(diagnosis), calibrated_table(diagnosis)],
+                heading: "How probable it is".into(),
+                text: vec![format!("Time spent: {}.", stages.join(", "))],
+                tables: vec![posterior_table(diagnosis), calibrated_table(diagnosis)],
                 ..Section::default()
             },
             Section {
@@ -466,20 +474,21 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
 
 #[cfg(test)]
 mod tests {
+    use super::super::diagnosis::Remaining;
     use super::*;
     use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA};
 
     fn diagnosis(verdict: Verdict, gap: Vec<(&'static str, GapOf)>) -> Diagnosis {
         Diagnosis {
-            schema: 1,
+            schema: 2,
             verdict,
             effects: Vec::new(),
             gap,
-            remaining: diagnosis::Remaining::default(),
+            remaining: Remaining::default(),
             next_experiment: "none.".into(),
             calibrated: Vec::new(),
             blocks: Vec::new(),
-            tried: Vec::new(),
+            hypotheses: Vec::new(),
             warnings: Vec::new(),
             stages: Vec::new(),
         }

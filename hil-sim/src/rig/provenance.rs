@@ -35,8 +35,8 @@ pub struct FoundEffect {
     pub name: String,
     /// The form of its equations.
     pub form: String,
-    /// By how much half the sum of squared residuals is larger without it \[nat\].
-    pub support_nats: f64,
+    /// Probability that it, or one of its alternatives, is present.
+    pub probability: f64,
     /// Effects that the records cannot tell from it.
     #[serde(default)]
     pub alternatives: Vec<String>,
@@ -161,7 +161,7 @@ impl Provenance {
             let mut effect = Table::new();
             effect["name"] = value(&found.name);
             effect["form"] = value(&found.form);
-            effect["support_nats"] = rounded(found.support_nats).into();
+            effect["probability"] = rounded(found.probability).into();
             effect["alternatives"] = value(Array::from_iter(&found.alternatives));
             let mut intervals = InlineTable::new();
             for (key, ends) in &found.ci95 {
@@ -239,7 +239,7 @@ mod tests {
             effects: vec![FoundEffect {
                 name: "leak".into(),
                 form: "linear".into(),
-                support_nats: 4973.25,
+                probability: 0.976_54,
                 alternatives: vec!["pressure-sensor-gain".into()],
                 ci95: BTreeMap::from([("conductance_kg_per_pa_s".into(), [2.631_4e-10, 2.91e-10])]),
             }],
@@ -256,7 +256,7 @@ mod tests {
         let read = rig.provenance.expect("a table");
         let mut expected = sample();
         // Of numbers four digits are written.
-        expected.effects[0].support_nats = 4973.0;
+        expected.effects[0].probability = 0.9765;
         expected.effects[0].ci95 =
             BTreeMap::from([("conductance_kg_per_pa_s".into(), [2.631e-10, 2.91e-10])]);
         assert_eq!(read, expected);
@@ -289,7 +289,7 @@ mod tests {
         let line = text.lines().position(|line| line == "provenance = 3");
         assert_eq!(error.line, line.map(|line| line + 1));
         let once = sample().around(Rig::REFERENCE_TOML).expect("TOML");
-        let wrong = once.replace("support_nats = 4973.0", "support_nats = \"much\"");
+        let wrong = once.replace("probability = 0.9765", "probability = \"much\"");
         assert_ne!(once, wrong);
         let error = Rig::parse("rig.toml", &wrong).expect_err("no number");
         assert!(error.expected.contains("much"), "{error}");

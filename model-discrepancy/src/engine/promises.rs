@@ -112,10 +112,20 @@ impl<M: Model> Engine<'_, M> {
         let touched = groups.iter().filter(|(blocks, _)| own(blocks)).cloned();
         let (blocks, candidates): (Vec<_>, Vec<_>) = touched.unzip();
         let (blocks, candidates) = (blocks.concat(), candidates.concat());
-        let x = self.coordinates(base, &self.free(&blocks), &candidates);
+        self.place_of(base, &blocks, &candidates)
+    }
+
+    /// The same of some blocks and the candidates on them.
+    pub(super) fn place_of(
+        &self,
+        base: &Hypothesis,
+        blocks: &[usize],
+        candidates: &[usize],
+    ) -> Place {
+        let x = self.coordinates(base, &self.free(blocks), candidates);
         (
-            blocks,
-            candidates,
+            blocks.to_vec(),
+            candidates.to_vec(),
             x.into_iter().map(f64::to_bits).collect(),
         )
     }

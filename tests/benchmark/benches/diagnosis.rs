@@ -3,7 +3,7 @@
 //! `cargo bench --bench diagnosis` writes target/benchmark/diagnosis.json; `-- --quick` repeats
 //! less and leaves out the longest records. It names effects, which no peer does.
 
-use hil_sim::identify::diagnosis::{Diagnosis, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosis, Options, diagnose};
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use hil_sim::rig::Rig;
@@ -39,7 +39,8 @@ fn median(mut values: Vec<f64>) -> f64 {
 fn timed(what: &str, repeats: usize, rig: &Rig, fit: &[Record], validate: &[Record]) -> Timed {
     let once = || -> (f64, Diagnosis) {
         let start = Instant::now();
-        let found = diagnose(rig, fit, validate, &[], &|_| ()).expect("a diagnosis");
+        let found =
+            diagnose(rig, fit, validate, &Options::default(), &|_| ()).expect("a diagnosis");
         (start.elapsed().as_secs_f64(), found.diagnosis)
     };
     let runs: Vec<(f64, Diagnosis)> = (0..repeats).map(|_| once()).collect();

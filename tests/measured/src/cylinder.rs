@@ -8,7 +8,7 @@ use hil_sim::error::BadInput;
 use hil_sim::record::{FORCE_N, PRESSURE_PA, Record};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
 use model_discrepancy::least_squares::Residuals;
-use model_discrepancy::verdict::choose;
+use model_discrepancy::verdict::{Costs, select};
 use std::path::Path;
 use std::time::Instant;
 
@@ -223,7 +223,8 @@ fn outcome(
     };
     let engine = Engine::new(&model);
     let expected = "runs that the law can follow";
-    let choice = choose(&engine, &|_| ()).ok_or_else(|| BadInput::file(name, expected))?;
+    let selection =
+        select(&engine, Costs::default(), &|_| ()).ok_or_else(|| BadInput::file(name, expected))?;
     let left = |fit| held_out(&model, fit, noise_n);
     let words = |names: &[&str]| names.iter().map(|name| (*name).into()).collect();
     let mut outcome = Outcome {
@@ -237,15 +238,15 @@ fn outcome(
                 .iter()
                 .flat_map(|run| run.force_n.iter().copied()),
         ),
-        calibrated: left(&choice.null.fit),
-        after: left(&choice.taken().fit),
+        calibrated: left(&selection.null.fit),
+        after: left(&selection.named.fit),
         noise: noise_n,
         next_experiment: "Drive at three speeds and at no pressure: what stays is the seal's own."
             .into(),
         spent_s: begin.elapsed().as_secs_f64(),
         ..Outcome::default()
     };
-    outcome.chosen(&model, &choice, &PUBLISHED);
+    outcome.selected(&model, &selection, &PUBLISHED);
     Ok(outcome)
 }
 

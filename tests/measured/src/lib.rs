@@ -12,7 +12,7 @@ pub mod tanks;
 
 use hil_sim::report::Plot;
 use model_discrepancy::engine::{Candidate, Model, Parameter};
-use model_discrepancy::verdict::{Choice, Verdict};
+use model_discrepancy::verdict::Selection;
 use serde::Serialize;
 use std::path::Path;
 
@@ -80,12 +80,14 @@ impl Outcome {
     }
 
     /// Adds the result of a model other than the muscle's.
-    fn chosen<M: Model>(&mut self, model: &M, choice: &Choice, published: &[(&str, &'static str)]) {
-        self.verdict = choice.verdict.name().into();
-        if choice.verdict != Verdict::Explained {
-            return;
-        }
-        for (place, (candidate, values)) in choice.best.fit.effects.iter().enumerate() {
+    fn selected<M: Model>(
+        &mut self,
+        model: &M,
+        selection: &Selection,
+        published: &[(&str, &'static str)],
+    ) {
+        self.verdict = selection.verdict.name().into();
+        for (place, (candidate, values)) in selection.named.fit.effects.iter().enumerate() {
             let candidate = &model.candidates()[*candidate];
             let parameters = candidate.parameters.iter().zip(values);
             let sizes: Vec<String> = parameters
@@ -98,7 +100,11 @@ impl Outcome {
                 name: candidate.effect.into(),
                 size: sizes.join(", "),
                 published: known.map_or("", |(_, words)| words),
-                alternatives: choice.alternatives.get(place).cloned().unwrap_or_default(),
+                alternatives: selection
+                    .alternatives
+                    .get(place)
+                    .cloned()
+                    .unwrap_or_default(),
             });
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::{Found, Outcome, set_of};
 use hil_sim::error::BadInput;
-use hil_sim::identify::diagnosis::{Diagnosed, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosed, Options, diagnose};
 use hil_sim::record::{FORCE_N, Record};
 use hil_sim::report::{Axis, Plot, Role, Series};
 use hil_sim::rig::Rig;
@@ -193,10 +193,16 @@ impl Set {
             .kinds()
             .map(|kind| kind.name.into())
             .collect();
-        let run = |without: &[String]| diagnose(&rig, &fit, &validate, without, &|_| ());
-        let full = run(&[])?;
+        let run = |without: Vec<String>| {
+            let options = Options {
+                without,
+                ..Options::default()
+            };
+            diagnose(&rig, &fit, &validate, &options, &|_| ())
+        };
+        let full = run(Vec::new())?;
         let spent_s = begin.elapsed().as_secs_f64();
-        let alone = run(&everything)?;
+        let alone = run(everything)?;
         let of = |from: &Diagnosed| from.diagnosis.gap_of(FORCE_N).copied();
         let (Some(gap), Some(gap_alone)) = (of(&full), of(&alone)) else {
             return Err(rig.bad_file("records with a force"));

@@ -9,7 +9,7 @@ use hil_sim::error::BadInput;
 use hil_sim::record::Record;
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
 use model_discrepancy::least_squares::Residuals;
-use model_discrepancy::verdict::choose;
+use model_discrepancy::verdict::{Costs, select};
 use std::path::Path;
 use std::time::Instant;
 
@@ -189,7 +189,8 @@ fn outcome(folder: &Path) -> Result<Outcome, BadInput> {
     };
     let engine = Engine::new(&model);
     let expected = "a record that the tanks can follow";
-    let choice = choose(&engine, &|_| ()).ok_or_else(|| record.bad_file(expected))?;
+    let selection =
+        select(&engine, Costs::default(), &|_| ()).ok_or_else(|| record.bad_file(expected))?;
     let left = |fit| held_out(&model, fit, model.noise_v);
     let mut outcome = Outcome {
         set: "cascaded tanks".into(),
@@ -198,14 +199,14 @@ fn outcome(folder: &Path) -> Result<Outcome, BadInput> {
         signal: "lower_tank_level_volt",
         unit: "V",
         range: range(model.level_v[model.half(1)].iter().copied()),
-        calibrated: left(&choice.null.fit),
-        after: left(&choice.taken().fit),
+        calibrated: left(&selection.null.fit),
+        after: left(&selection.named.fit),
         noise: model.noise_v,
         next_experiment: "Fill the upper tank until it runs over, with its level measured.".into(),
         spent_s: begin.elapsed().as_secs_f64(),
         ..Outcome::default()
     };
-    outcome.chosen(&model, &choice, &[]);
+    outcome.selected(&model, &selection, &[]);
     Ok(outcome)
 }
 

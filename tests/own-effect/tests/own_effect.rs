@@ -1,7 +1,7 @@
 //! An effect that the catalogue of muscle-plant lacks is an effect like any other.
 
 use hil_sim::bench::compensate::compensate;
-use hil_sim::identify::diagnosis::diagnose;
+use hil_sim::identify::diagnosis::{Options, diagnose};
 use hil_sim::identify::simulate::simulate;
 use hil_sim::record::check::check;
 use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
@@ -112,7 +112,7 @@ fn it_is_named_where_other_code_hides_it() {
     let fit = [hidden(&triangles(4.0), 1)];
     let validate = [hidden(&triangles(3.1), 2)];
     let rig = bench_rig(TOLERANCES);
-    let found = diagnose(&rig, &fit, &validate, &[], &|_| ()).expect("a diagnosis");
+    let found = diagnose(&rig, &fit, &validate, &Options::default(), &|_| ()).expect("a diagnosis");
     let diagnosis = found.diagnosis;
     assert_eq!(diagnosis.verdict, Verdict::Explained);
     let names: Vec<_> = diagnosis.effects.iter().map(|effect| effect.name).collect();

@@ -174,7 +174,7 @@ pub(super) struct Prepared {
     /// What the force is off from run to run \[N\]; 0 where that is not known.
     repeatability_n: f64,
     /// The balance takes the force as it is read.
-    force_read: bool,
+    pub(super) force_read: bool,
     /// What the sensors of pressure \[Pa\] and force \[N\] can read at all.
     pub(super) pressure_span: Span,
     pub(super) force_span: Span,

@@ -99,27 +99,52 @@ pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
     Some(without(residuals, &record.zeros_of_gas(), None))
 }
 
+/// What a row misses, its dead zone, and the noise of that in this rig and in the nominal one.
+struct Weighed {
+    value: f64,
+    slack: f64,
+    noise: f64,
+    nominal_noise: f64,
+}
+
+/// Residuals of rows in units of their noise.
+///
+/// The density of a row is that of its noise, 1/σ exp(−r²/2σ²): a rig whose noise is larger misses
+/// less in units of it, and is no more probable for that. About the most probable rig, where the
+/// mean square of r/σ is 1, the sum of squares has the same slope as the logarithm of the density
+/// if all rows are weighed by the geometric mean of σ over that of the nominal rig.
+fn weighed(rows: &[Weighed]) -> Residuals {
+    let logs = rows.iter().map(|row| (row.noise / row.nominal_noise).ln());
+    let scale = (logs.sum::<f64>() / rows.len().max(1) as f64).exp();
+    let of = |row: &Weighed| {
+        let per_noise = scale / row.noise;
+        (row.value * per_noise, row.slack * per_noise)
+    };
+    let (values, slack) = rows.iter().map(of).unzip();
+    Residuals { values, slack }
+}
+
 /// Of the force that the muscle may read, row by row.
 ///
-/// The pressure's noise counts as this muscle makes force of it: weighed by another's, whose force
-/// depends less on pressure would miss less, and a noisy pressure would be an effect.
+/// The pressure's noise counts as this muscle makes force of it, row by row.
 pub(super) fn force_residuals(record: &Prepared, forces: &[ForceRange]) -> Option<Residuals> {
     let measured = record.measured.column(FORCE_N)?;
     // Where a force is clipped at its bottom the muscle hangs loose: Eq 1, which would push, is not
     // right because the sensor cannot tell.
     let most_n = record.force_span.most;
-    let residual = |row: &usize| {
+    let residual = |(row, per_nominal_noise): (&usize, &f64)| {
         let force = forces[*row];
         let (least_n, most_n) = (force.least_n.min(most_n), force.most_n.min(most_n));
-        let middle_n = 0.5 * (least_n + most_n);
-        let per_noise = record.force_noise_n(force.per_pressure_m2).recip();
-        (
-            (middle_n - measured[*row]) * per_noise,
-            0.5 * (most_n - least_n) * per_noise,
-        )
+        let noise_n = record.force_noise_n(force.per_pressure_m2);
+        Weighed {
+            value: 0.5 * (least_n + most_n) - measured[*row],
+            slack: 0.5 * (most_n - least_n),
+            noise: noise_n,
+            nominal_noise: per_nominal_noise.recip(),
+        }
     };
-    let (values, slack) = record.force_rows.iter().map(residual).unzip();
-    Some(Residuals { values, slack })
+    let rows = record.force_rows.iter().zip(&record.per_force_noise);
+    Some(weighed(&rows.map(residual).collect::<Vec<_>>()))
 }
 
 impl Prepared {
@@ -251,69 +276,66 @@ pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<ForceRange>
     )
 }
 
-/// How far the balance of forces on the weight lies outside what friction can take up, under
-/// the least and the most force that the muscle may have, row by row \[N\].
-pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> Option<Residuals> {
-    let all = balances_and_masses(record, rig, forces)?;
-    let (values, slack) = all
-        .into_iter()
-        .map(|(value, slack, _)| (value, slack))
-        .unzip();
-    Some(Residuals { values, slack })
-}
-
-/// The same, each with its slack and the mass that is moved \[kg\].
-pub(super) fn balances_and_masses(
+/// Of each row: the forces on the weight without its acceleration and damping \[N\], what friction
+/// can take up \[N\], and the mass \[kg\]; with the `contraction` that the muscle has.
+fn forces_on_weight(
     record: &Prepared,
     rig: &Rig,
+    (load, states): (&LoadSubsystem, usize),
+    contraction: &[f64],
     forces: &[ForceRange],
-) -> Option<Vec<(f64, f64, f64)>> {
+) -> Option<Vec<[f64; 3]>> {
+    let read = record.measured.column(CONTRACTION)?;
+    let time_s = record.measured.time_s();
+    let mut along = Along::new(states);
+    let of_row = |row: usize| {
+        let direction = record.directions[row];
+        let at = LoadPoint {
+            time_s: time_s[row],
+            contraction: contraction[row],
+            contraction_rate_per_s: record.rates_per_s[row],
+            direction,
+            initial_length_m: load.initial_length_m,
+        };
+        let place = record.path[row] + contraction[row] - read[row];
+        let (weight, lifting_n, doubt_n) = along.advance(load, &at, place);
+        let (middle_n, reach_n) = if direction == 0.0 {
+            (0.0, weight.static_friction_n)
+        } else {
+            (direction * weight.coulomb_friction_n, 0.0)
+        };
+        let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
+        let ForceRange {
+            least_n, most_n, ..
+        } = forces[row];
+        let between_pa = record.between_pa.get(row).copied().unwrap_or(0.0);
+        let between_n = rig.nominal.muscle.force_per_pressure_m2(contraction[row]) * between_pa;
+        [
+            0.5 * (least_n + most_n) + between_n + lifting_n - weight_n - middle_n,
+            reach_n + doubt_n + 0.5 * (most_n - least_n),
+            weight.mass_kg,
+        ]
+    };
+    Some((0..time_s.len()).map(of_row).collect())
+}
+
+/// How far the balance of forces on the weight lies outside what friction can take up, under
+/// the least and the most force that the muscle may have, in each place in units of its noise.
+pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> Option<Residuals> {
     let Load::Weight(weight) = rig.nominal.load else {
         return None;
     };
     let (load, states) = load_block(rig, weight);
     let play = play(rig);
     let played = record.unplayed(rig, &record.measured, None);
-    let read = record.measured.column(CONTRACTION)?;
     let contraction = played.column(CONTRACTION)?;
-    let time_s = record.measured.time_s();
-    let mut along = Along::new(states);
-    let rows: Vec<[f64; 3]> = (0..time_s.len())
-        .map(|row| {
-            let direction = record.directions[row];
-            let at = LoadPoint {
-                time_s: time_s[row],
-                contraction: contraction[row],
-                contraction_rate_per_s: record.rates_per_s[row],
-                direction,
-                initial_length_m: load.initial_length_m,
-            };
-            let place = record.path[row] + contraction[row] - read[row];
-            let (weight, lifting_n, doubt_n) = along.advance(&load, &at, place);
-            let (middle_n, reach_n) = if direction == 0.0 {
-                (0.0, weight.static_friction_n)
-            } else {
-                (direction * weight.coulomb_friction_n, 0.0)
-            };
-            let weight_n = weight.mass_kg * GRAVITY_M_PER_S2;
-            let ForceRange {
-                least_n, most_n, ..
-            } = forces[row];
-            let between_pa = record.between_pa.get(row).copied().unwrap_or(0.0);
-            let between_n = rig.nominal.muscle.force_per_pressure_m2(contraction[row]) * between_pa;
-            [
-                0.5 * (least_n + most_n) + between_n + lifting_n - weight_n - middle_n,
-                reach_n + doubt_n + 0.5 * (most_n - least_n),
-                weight.mass_kg,
-            ]
-        })
-        .collect();
+    let rows = forces_on_weight(record, rig, (&load, states), contraction, forces)?;
     // With hardly a weight the balance holds for any muscle that is slack.
     let least_kg = LEAST_SHARE_OF_MASS * load.weight.mass_kg;
     if rows.iter().any(|row| row[2] < least_kg) {
         return None;
     }
-    let residuals = record.places.iter().map(|place| {
+    let residual = |place: &Place| {
         let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
         let kernel = &place.kernel;
         for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
@@ -327,15 +349,27 @@ pub(super) fn balances_and_masses(
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
                 * kernel.first(contraction);
-        let weight = Weight {
+        let moved = Weight {
             mass_kg,
             ..load.weight
         };
         let per_pressure_m2 = forces[kernel.middle()].per_pressure_m2;
-        let noise_n = record.balance_noise_n(rig, &weight, place, per_pressure_m2);
-        (balance_n / noise_n, reach_n / noise_n, mass_kg)
-    });
-    Some(residuals.collect())
+        // Without a measured force the balance is of an acceleration: all forces may be small
+        // together.
+        let scale = if record.force_read {
+            1.0
+        } else {
+            weight.mass_kg / mass_kg
+        };
+        Weighed {
+            value: scale * balance_n,
+            slack: scale * reach_n,
+            noise: scale * record.balance_noise_n(rig, &moved, place, per_pressure_m2),
+            nominal_noise: place.per_noise.recip(),
+        }
+    };
+    let rows: Vec<Weighed> = record.places.iter().map(residual).collect();
+    Some(weighed(&rows))
 }
 
 #[cfg(test)]
@@ -344,9 +378,6 @@ mod tests {
     use super::super::force::Force;
     use super::*;
     use crate::record::PRESSURE_REF_PA;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, Normal};
-    use rand_pcg::Pcg64;
     use std::borrow::Cow;
 
     /// The shortest lags that a delay is dispersed by, where each row has another reference and
@@ -417,60 +448,38 @@ mod tests {
         assert!((told[UNKNOWNS - 1] - 1.0).abs() < 0.02, "{told:?}");
     }
 
-    /// As much noise as signal: with the same weights for all, a muscle whose force depends half as
-    /// much on pressure would miss least.
+    /// About the rig whose residuals have a mean square of 1, the sum of squares changes with the
+    /// rig as the negative log density does, in which a larger noise has its price.
     #[test]
-    fn noise_of_the_pressure_makes_no_other_muscle_likelier() {
-        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
-        let rig = Rig::parse("rig.toml", &text).expect("a rig");
-        let (middle_pa, size_pa, rows) = (2e5, 1e4, 4000);
-        let time_s: Vec<f64> = (0..rows).map(|row| 0.01 * f64::from(row)).collect();
-        let swing = |t: f64| middle_pa + size_pa * (0.6 * t).sin();
-        let noise = Normal::new(0.0, size_pa / 2.0_f64.sqrt()).expect("a deviation");
-        let noise_pa = noise.sample_iter(Pcg64::seed_from_u64(7));
-        let read_pa: Vec<f64> = time_s
-            .iter()
-            .zip(noise_pa)
-            .map(|(t, noise_pa)| swing(*t) + noise_pa)
-            .collect();
-        let contraction = |t: f64| 0.05 + 0.001 * t;
-        let muscle = &rig.nominal.muscle;
-        let force_n = |t: f64, pressure_pa| muscle.force_n(contraction(t), GaugePa(pressure_pa));
-        let mut record = Record::new(time_s.clone());
-        record.set(
-            CONTRACTION,
-            time_s.iter().map(|t| contraction(*t)).collect(),
-        );
-        record.set(
-            FORCE_N,
-            time_s.iter().map(|t| force_n(*t, swing(*t))).collect(),
-        );
-        record.set(PRESSURE_PA, read_pa.clone());
-        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
-        let loss = |share: f64| {
-            let of_row = |(t, pa): (&f64, &f64)| {
-                let per_pressure_m2 = share * muscle.force_per_pressure_m2(contraction(*t));
-                let n = force_n(*t, middle_pa) + per_pressure_m2 * (pa - middle_pa);
-                ForceRange {
-                    least_n: n,
-                    most_n: n,
-                    per_pressure_m2,
-                }
+    fn a_larger_noise_is_not_rewarded() {
+        let rows = 400;
+        let raw = |row: usize| (12.9898 * row as f64).sin();
+        let rms = ((0..rows).map(|row| raw(row).powi(2)).sum::<f64>() / rows as f64).sqrt();
+        let nominal_noise = |row: usize| 1.0 + 0.5 * (0.7 * row as f64).cos();
+        let misfit = |row: usize| nominal_noise(row) * raw(row) / rms;
+        let noise = |row: usize, by: f64| nominal_noise(row) * (1.0 + by * (row % 5) as f64);
+        let squares = |by: f64| {
+            let of = |row| Weighed {
+                value: misfit(row),
+                slack: 0.0,
+                noise: noise(row, by),
+                nominal_noise: nominal_noise(row),
             };
-            let forces: Vec<ForceRange> = time_s.iter().zip(&read_pa).map(of_row).collect();
-            let residuals = force_residuals(&prepared[0], &forces).expect("residuals");
-            residuals
-                .values
-                .iter()
-                .map(|value| value * value)
-                .sum::<f64>()
+            let residuals = weighed(&(0..rows).map(of).collect::<Vec<_>>());
+            0.5 * residuals.values.iter().map(|r| r * r).sum::<f64>()
         };
-        let shares = (10..=30).map(|i| 0.05 * f64::from(i));
-        let best = shares
-            .min_by(|a, b| loss(*a).total_cmp(&loss(*b)))
-            .expect("shares");
-        // Of a slope with signal and noise alike the deviation is (2 / rows)^½.
-        let deviation = (2.0 / f64::from(rows)).sqrt();
-        assert!((best - 1.0).abs() <= 0.025 + 4.0 * deviation, "{best}");
+        let minus_log_density = |by: f64| {
+            let of = |row| 0.5 * (misfit(row) / noise(row, by)).powi(2) + noise(row, by).ln();
+            (0..rows).map(of).sum::<f64>()
+        };
+        let slope = |of: &dyn Fn(f64) -> f64| (of(1e-4) - of(-1e-4)) / 2e-4;
+        let (found, expected) = (slope(&squares), slope(&minus_log_density));
+        assert!((found - expected).abs() < 1e-3, "{found}, {expected}");
+        // Without the common scale it falls by as many nats as there are rows, times their mean.
+        let unscaled = |by: f64| {
+            let of = |row| 0.5 * (misfit(row) / noise(row, by)).powi(2);
+            (0..rows).map(of).sum::<f64>()
+        };
+        assert!(slope(&unscaled) < expected - 100.0);
     }
 }

@@ -1,0 +1,403 @@
+//! Which sets of effects are judged.
+//!
+//! Effects are tried alone, then in pairs and triples. A set is fitted by its cost, and judged by
+//! its log evidence. The sets that lead, with an unknown in no block and in each set of blocks, are
+//! joined with the effects that promise most beside them; the leading ones are tried in all their
+//! forms. The search only decides what is tried: every set that was judged takes part in the
+//! posterior.
+
+use super::engine::{Engine, Hypothesis, LogEvidence, Model, OtherForm};
+use super::evidence::Blocks;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Effects that are named together at most, and what it is to try so many.
+pub(crate) const MEMBERS: usize = 3;
+const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
+/// Sets that lead with each set of blocks unknown: alone, and of several effects.
+const LEADERS: [usize; MEMBERS] = [2, 1, 1];
+/// Effects that are tried beside a leader.
+const FOLLOWERS: usize = 3;
+/// Forms of an effect that are tried before it leads, where promises can be believed, beside those
+/// that promise no less than one over this of theirs.
+const FORMS: usize = 2;
+const BETTER: f64 = 2.0;
+/// Leading sets of which every form is tried, by their number of effects.
+const VARIED: [usize; MEMBERS] = [1, 2, 2];
+/// Sets of different names that are judged, by their number of effects, and forms of each.
+const JUDGED: [usize; MEMBERS + 1] = [1, 12, 12, 8];
+const JUDGED_FORMS: usize = 2;
+/// Gain that each parameter of an effect gives by itself, with room.
+const GAIN_PARAMETER: f64 = 4.0;
+/// An effect is worth a fit if it promises this share of what an effect of one base gains in one
+/// of its blocks; promises are linear, and may be too small.
+const SHARE_OF_BASE: f64 = 0.5;
+/// Share of what another effect on no other block promises that is worth a fit.
+const SHARE_OF_PROMISE: f64 = 0.01;
+
+/// What is being done.
+#[derive(Clone, Debug)]
+pub enum Step {
+    /// A stage begins, in which so many sets of effects are tried, if any.
+    Stage(&'static str, usize),
+    /// A set of effects is tried.
+    Try(Vec<&'static str>),
+}
+
+/// Is told what is being done, from any thread.
+pub type Watch<'a> = &'a (dyn Fn(Step) + Sync);
+
+/// A set that was tried.
+pub(crate) struct Tried {
+    pub(crate) hypothesis: Hypothesis,
+    /// Its log evidence, once it was judged; none if an effect of it does not show.
+    pub(crate) evidence: Option<Option<LogEvidence>>,
+}
+
+pub(crate) struct Search<'a, 'b, M> {
+    pub(crate) engine: &'b Engine<'a, M>,
+    watch: Watch<'b>,
+    /// All that was tried, the lowest cost first.
+    pub(crate) tried: Vec<Tried>,
+    /// Promise from which each candidate is worth a fit.
+    least: Vec<f64>,
+}
+
+/// Promises from which candidates are worth a fit.
+fn least_promises(model: &impl Model) -> Vec<f64> {
+    let blocks = 0..model.blocks().len();
+    let of_block = |block: usize| -> f64 {
+        let records = 0..model.records();
+        let squares = records.flat_map(|record| model.timeline(record, block).base);
+        0.5 * squares.map(|base| base * base).sum::<f64>()
+    };
+    let of_blocks: Vec<f64> = blocks.map(of_block).collect();
+    let candidates = model.candidates().iter();
+    let least = candidates.map(|candidate| {
+        let own = candidate.blocks.iter().map(|block| of_blocks[*block]);
+        let parameters = candidate.parameters.len() as f64;
+        SHARE_OF_BASE * own.fold(f64::INFINITY, f64::min) + GAIN_PARAMETER * parameters
+    });
+    least.collect()
+}
+
+impl<'a, 'b, M: Model> Search<'a, 'b, M> {
+    /// Searches. `None` where the model has no solution at all.
+    pub(crate) fn run(engine: &'b Engine<'a, M>, watch: Watch<'b>) -> Option<Self> {
+        watch(Step::Stage("without effects", 0));
+        let null = engine.hypothesis(&[])?;
+        let mut search = Search {
+            engine,
+            watch,
+            tried: Vec::new(),
+            least: least_promises(engine.model),
+        };
+        let mut sets = search.worthwhile(&null)?;
+        search.improve(vec![null]);
+        search.judge(0);
+        for members in 1..=MEMBERS {
+            (search.watch)(Step::Stage(STAGES[members - 1], sets.len()));
+            search.try_all(&sets);
+            if members > 1 {
+                let variants = search.variants(members);
+                (search.watch)(Step::Stage("effects in other forms", variants.len()));
+                search.try_all(&variants);
+            }
+            search.reform(members);
+            search.reduce(members);
+            search.judge(members - 1);
+            search.judge(members);
+            if members == MEMBERS || search.is_enough(members) {
+                break;
+            }
+            sets = search.joined(members);
+            if sets.is_empty() {
+                break;
+            }
+        }
+        Some(search)
+    }
+
+    pub(crate) fn name(&self, candidate: usize) -> &'static str {
+        self.engine.model.candidates()[candidate].effect
+    }
+
+    pub(crate) fn names(&self, candidates: &[usize]) -> Vec<&'static str> {
+        candidates.iter().map(|c| self.name(*c)).collect()
+    }
+
+    /// Cost with what parameters gain by themselves.
+    fn score(&self, hypothesis: &Hypothesis) -> f64 {
+        hypothesis.fit.score() + self.gain_of_parameters(&hypothesis.candidates)
+    }
+
+    fn gain_of_parameters(&self, candidates: &[usize]) -> f64 {
+        let all = self.engine.model.candidates();
+        let parameters = candidates.iter().map(|c| all[*c].parameters.len());
+        GAIN_PARAMETER * parameters.sum::<usize>() as f64
+    }
+
+    /// What was tried with so many members, best first.
+    fn of_size(&self, members: usize) -> impl Iterator<Item = &Hypothesis> {
+        let tried = self.tried.iter().map(|own| &own.hypothesis);
+        tried.filter(move |h| h.candidates.len() == members)
+    }
+
+    /// Effects that promise to be seen. Where a dead zone hides what is small, none is left out.
+    fn worthwhile(&self, null: &Hypothesis) -> Option<Vec<Vec<usize>>> {
+        let promises = self.engine.promises(null)?;
+        let all = self.engine.model.candidates();
+        let worth = |candidate: &usize| {
+            let blocks = &all[*candidate].blocks;
+            let same = |c: &usize| all[*c].effect == all[*candidate].effect;
+            let better = |c: &usize| promises[*c] > BETTER * promises[*candidate];
+            let better = (0..all.len()).filter(same).filter(better).count();
+            let rivals =
+                (0..all.len()).filter(|c| all[*c].blocks.iter().all(|b| blocks.contains(b)));
+            let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
+            let unsure = |block: &usize| !self.engine.model.proportional(*block);
+            let least = self.least[*candidate].max(SHARE_OF_PROMISE * most);
+            let few = better < FORMS || blocks.iter().any(unsure);
+            promises[*candidate] > least && few || blocks.iter().all(unsure)
+        };
+        let candidates = (0..all.len()).filter(worth);
+        Some(candidates.map(|candidate| vec![candidate]).collect())
+    }
+
+    /// Fits `sets`.
+    fn try_all(&mut self, sets: &[Vec<usize>]) {
+        let fitted: Vec<Hypothesis> = sets
+            .par_iter()
+            .filter_map(|set| {
+                (self.watch)(Step::Try(self.names(set)));
+                self.engine.hypothesis(set)
+            })
+            .collect();
+        self.improve(fitted);
+    }
+
+    /// Keeps what is better than the same set is so far.
+    fn improve(&mut self, found: Vec<Hypothesis>) {
+        for new in found {
+            let same = |own: &&mut Tried| own.hypothesis.candidates == new.candidates;
+            match self.tried.iter_mut().find(same) {
+                Some(known) if new.fit.score() < known.hypothesis.fit.score() => {
+                    *known = Tried {
+                        hypothesis: new,
+                        evidence: None,
+                    };
+                }
+                Some(_) => {}
+                None => self.tried.push(Tried {
+                    hypothesis: new,
+                    evidence: None,
+                }),
+            }
+        }
+        let mut tried = std::mem::take(&mut self.tried);
+        tried.sort_by(|a, b| {
+            let (a, b) = (&a.hypothesis, &b.hypothesis);
+            let by_score = self.score(a).total_cmp(&self.score(b));
+            by_score.then_with(|| a.candidates.cmp(&b.candidates))
+        });
+        self.tried = tried;
+    }
+
+    /// Finds the evidence of the leading sets of `members`.
+    fn judge(&mut self, members: usize) {
+        let mut forms: BTreeMap<Vec<&str>, usize> = BTreeMap::new();
+        let mut chosen = Vec::new();
+        for (place, own) in self.tried.iter().enumerate() {
+            let candidates = &own.hypothesis.candidates;
+            if candidates.len() != members {
+                continue;
+            }
+            let names = self.names(candidates);
+            let is_twice = (1..names.len()).any(|place| names[..place].contains(&names[place]));
+            let is_new = !forms.contains_key(&names);
+            if is_twice || is_new && forms.len() == JUDGED[members] {
+                continue;
+            }
+            let count = forms.entry(names).or_default();
+            *count += 1;
+            if *count <= JUDGED_FORMS && own.evidence.is_none() {
+                chosen.push(place);
+            }
+        }
+        (self.watch)(Step::Stage("evidence", chosen.len()));
+        let evidence: Vec<Option<LogEvidence>> = chosen
+            .par_iter()
+            .map(|place| self.engine.log_evidence(&self.tried[*place].hypothesis))
+            .collect();
+        for (place, evidence) in chosen.into_iter().zip(evidence) {
+            self.tried[place].evidence = Some(evidence);
+        }
+    }
+
+    /// The sets that were judged, with the log evidence of each set of blocks unknown.
+    pub(crate) fn judged(&self) -> impl Iterator<Item = (&Hypothesis, Blocks, f64)> {
+        self.tried.iter().flat_map(|own| {
+            let evidence = own.evidence.iter().flatten().flatten();
+            evidence.map(|(unknown, log)| (&own.hypothesis, *unknown, *log))
+        })
+    }
+
+    /// The most probable set, but for priors, and whether it has an unknown.
+    fn best(&self) -> Option<(&Hypothesis, Blocks)> {
+        let best = self.judged().max_by(|a, b| a.2.total_cmp(&b.2))?;
+        Some((best.0, best.1))
+    }
+
+    /// Whether more effects than `members` need not be tried: fewer are more probable, or nothing
+    /// is unknown and no effect promises anything beside them.
+    fn is_enough(&self, members: usize) -> bool {
+        let Some((best, unknown)) = self.best() else {
+            return false;
+        };
+        if unknown != 0 {
+            return false;
+        }
+        if best.candidates.len() + 1 < members {
+            return true;
+        }
+        let promises = self.engine.promises(best).unwrap_or_default();
+        let mut pairs = promises.iter().zip(&self.least);
+        best.candidates.len() < members || pairs.all(|(promise, least)| promise < least)
+    }
+
+    /// Of sets in order of preference, the first `count` that differ in their names.
+    fn distinct(&self, sets: impl Iterator<Item = Vec<usize>>, count: usize) -> Vec<Vec<usize>> {
+        let mut names: Vec<Vec<&str>> = Vec::new();
+        let mut distinct = Vec::new();
+        for set in sets {
+            let of_set = self.names(&set);
+            if distinct.len() < count && !names.contains(&of_set) {
+                names.push(of_set);
+                distinct.push(set);
+            }
+        }
+        distinct
+    }
+
+    /// The sets of `members` that lead with each set of blocks unknown.
+    fn leaders(&self, members: usize) -> Vec<Vec<usize>> {
+        let mut by_unknown: BTreeMap<Blocks, Vec<(f64, Vec<usize>)>> = BTreeMap::new();
+        for (hypothesis, unknown, log) in self.judged() {
+            if hypothesis.candidates.len() == members {
+                let sets = by_unknown.entry(unknown).or_default();
+                sets.push((log, hypothesis.candidates.clone()));
+            }
+        }
+        let mut leaders: Vec<Vec<usize>> = Vec::new();
+        for (_, mut sets) in by_unknown {
+            sets.sort_by(|a, b| b.0.total_cmp(&a.0));
+            let sets = sets.into_iter().map(|(_, set)| set);
+            for leader in self.distinct(sets, LEADERS[members - 1]) {
+                if !leaders.contains(&leader) {
+                    leaders.push(leader);
+                }
+            }
+        }
+        leaders
+    }
+
+    /// Leaders joined with what promises most beside them.
+    fn joined(&self, members: usize) -> Vec<Vec<usize>> {
+        let mut sets = Vec::new();
+        for leader in self.leaders(members) {
+            for set in self.beside(&leader) {
+                if !sets.contains(&set) && self.tried.iter().all(|t| t.hypothesis.candidates != set)
+                {
+                    sets.push(set);
+                }
+            }
+        }
+        sets
+    }
+
+    /// A set that was tried with what promises most beside it, of other names than its own.
+    fn beside(&self, leader: &[usize]) -> Vec<Vec<usize>> {
+        let mut tried = self.tried.iter().map(|own| &own.hypothesis);
+        let known = tried.find(|h| h.candidates == leader);
+        let Some(promises) = known.and_then(|known| self.engine.promises(known)) else {
+            return Vec::new();
+        };
+        let mut order: Vec<usize> = (0..promises.len()).collect();
+        order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
+        order.retain(|candidate| {
+            let blocks = &self.engine.model.candidates()[*candidate].blocks;
+            let certain = blocks
+                .iter()
+                .all(|block| self.engine.model.proportional(*block));
+            let name = self.name(*candidate);
+            let mut own = leader.iter().map(|own| self.name(*own));
+            let new = !own.any(|own| own == name);
+            new && (promises[*candidate] > self.least[*candidate] || !certain)
+        });
+        let followers = order.into_iter().map(|candidate| vec![candidate]);
+        let followers = self.distinct(followers, FOLLOWERS).into_iter();
+        let sets = followers.map(|follower| {
+            let mut set = [leader, &follower[..]].concat();
+            set.sort_unstable();
+            set
+        });
+        sets.collect()
+    }
+
+    /// The sets of `members` that cost least, with different names.
+    fn varied(&self, members: usize) -> Vec<Vec<usize>> {
+        let sets = self.of_size(members).map(|h| h.candidates.clone());
+        self.distinct(sets, VARIED[members - 1])
+    }
+
+    /// The leading sets with one member each time in another form of the same effect.
+    fn variants(&self, members: usize) -> Vec<Vec<usize>> {
+        let all = self.engine.model.candidates();
+        let mut variants = Vec::new();
+        for set in self.varied(members) {
+            for (place, own) in set.iter().enumerate() {
+                for other in 0..all.len() {
+                    let mut variant = set.clone();
+                    variant[place] = other;
+                    variant.sort_unstable();
+                    let is_known = self
+                        .tried
+                        .iter()
+                        .any(|own| own.hypothesis.candidates == variant);
+                    if all[other].effect == all[*own].effect && !is_known {
+                        variants.push(variant);
+                    }
+                }
+            }
+        }
+        variants
+    }
+
+    /// Fits other forms of the members of the leading sets once more, from where these are.
+    fn reform(&mut self, members: usize) {
+        let all = self.engine.model.candidates();
+        let mut forms = Vec::new();
+        for set in self.varied(members) {
+            let Some(of) = self.of_size(members).find(|h| h.candidates == set) else {
+                continue;
+            };
+            for own in set {
+                let others = (0..all.len()).filter(|c| all[*c].effect == all[own].effect);
+                let others = others.filter(|form| *form != own);
+                forms.extend(others.map(|form| OtherForm { of, own, form }));
+            }
+        }
+        (self.watch)(Step::Stage("other forms from there", forms.len()));
+        let reformed = self.engine.reformed(&forms);
+        self.improve(reformed);
+    }
+
+    /// Fits the leading set without each of its members, from where the others are in it.
+    fn reduce(&mut self, members: usize) {
+        let leading = self.of_size(members).next().cloned();
+        if let Some(leading) = leading.filter(|_| members > 1) {
+            (self.watch)(Step::Stage("without each of them", members));
+            self.improve(self.engine.reduced(&leading));
+        }
+    }
+}
