@@ -16,7 +16,7 @@ pub use marginal::LogEvidence;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
-use std::sync::{Mutex, OnceLock};
+use std::sync::Mutex;
 
 /// One parameter of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -316,17 +316,6 @@ struct Problem<'a, M> {
     held: bool,
     /// Dead zones are not to be pushed out by noise at their edges.
     edged: bool,
-    /// Slopes by nominal values where there is no effect, which serve near there.
-    known: Option<&'a NominalSlopes>,
-}
-
-/// How residuals of each block change with each nominal value, over all records.
-#[derive(Debug)]
-struct NominalSlopes {
-    /// By block and nominal value: of values and of slacks, row by row.
-    columns: HashMap<(usize, usize), [Vec<f64>; 2]>,
-    /// By block, the first row of each record.
-    first: Vec<Vec<usize>>,
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -344,7 +333,6 @@ impl<'a, M: Model> Problem<'a, M> {
             records: model.fitted(),
             held: false,
             edged: false,
-            known: None,
         }
     }
 
@@ -408,38 +396,6 @@ impl<'a, M: Model> Problem<'a, M> {
         if x[place] + STEP > most { -STEP } else { STEP }
     }
 
-    /// The slopes by a nominal value as they are where there is no effect.
-    fn known_slope(
-        &self,
-        known: &NominalSlopes,
-        nominal: usize,
-        moves: &dyn Fn(usize) -> bool,
-    ) -> Slopes {
-        let (mut values, mut slack) = (Vec::new(), Vec::new());
-        for (record, block) in self.pieces() {
-            let rows = self.model.rows(record, block);
-            let first = known.first[block][record];
-            match known
-                .columns
-                .get(&(block, nominal))
-                .filter(|_| moves(block))
-            {
-                Some([own, own_slack]) => {
-                    values.extend_from_slice(&own[first..first + rows]);
-                    slack.extend_from_slice(&own_slack[first..first + rows]);
-                }
-                None => {
-                    values.resize(values.len() + rows, 0.0);
-                    slack.resize(slack.len() + rows, 0.0);
-                }
-            }
-        }
-        Slopes {
-            values: DMatrix::from_vec(values.len(), 1, values),
-            slack: DMatrix::from_vec(slack.len(), 1, slack),
-        }
-    }
-
     /// The fit at `found`, with what it predicts.
     fn fit(&self, found: &Found) -> Option<Fit> {
         let (nominal, effects) = (self.nominal(&found.x), self.effects(&found.x));
@@ -495,9 +451,6 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         };
         let slope = |place: usize| {
             let moves = |block| self.moves(place, block);
-            if let (Some(known), Some(nominal)) = (self.known, self.free.get(place)) {
-                return Some((1.0, self.known_slope(known, *nominal, &moves)));
-            }
             let by = |step: f64| {
                 let mut moved = x.clone();
                 moved[place] += step;
@@ -619,7 +572,6 @@ pub struct Engine<'a, M> {
     fits: Mutex<HashMap<Key, Option<Fit>>>,
     promised: Mutex<HashMap<(promises::Place, usize), f64>>,
     judged: Mutex<HashMap<promises::Place, Option<marginal::GroupEvidence>>>,
-    nominal_slopes: OnceLock<Option<NominalSlopes>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -649,7 +601,6 @@ impl<'a, M: Model> Engine<'a, M> {
             fits: Mutex::default(),
             promised: Mutex::default(),
             judged: Mutex::default(),
-            nominal_slopes: OnceLock::new(),
         }
     }
 
@@ -709,42 +660,6 @@ impl<'a, M: Model> Engine<'a, M> {
         problem.fit(&found)
     }
 
-    /// Slopes by nominal values, about their fit without effects.
-    fn nominal_slopes(&self) -> Option<&NominalSlopes> {
-        let found = || {
-            let null = self.joined(&[])?;
-            let (records, blocks) = (self.model.records(), self.model.blocks().len());
-            let mut columns = HashMap::new();
-            let mut first = Vec::new();
-            for block in 0..blocks {
-                let own = [block];
-                let free = self.free(&own);
-                let mut problem = Problem::new(self.model, &own, &free, &[]);
-                problem.records = records;
-                let nominal = free.iter().map(|n| null.nominal[*n]);
-                let found = at(&mut problem, DVector::from_iterator(free.len(), nominal))?;
-                let slopes = problem.slopes(&found.x, &found.residuals)?;
-                for (place, nominal) in free.iter().enumerate() {
-                    let column = |matrix: &DMatrix<f64>| {
-                        matrix.column(place).iter().copied().collect::<Vec<f64>>()
-                    };
-                    let own = [column(&slopes.values), column(&slopes.slack)];
-                    columns.insert((block, *nominal), own);
-                }
-                let rows = (0..records).map(|record| self.model.rows(record, block));
-                first.push(
-                    rows.scan(0, |sum, rows| {
-                        *sum += rows;
-                        Some(*sum - rows)
-                    })
-                    .collect(),
-                );
-            }
-            Some(NominalSlopes { columns, first })
-        };
-        self.nominal_slopes.get_or_init(found).as_ref()
-    }
-
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let free = self.free(blocks);
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
@@ -753,7 +668,6 @@ impl<'a, M: Model> Engine<'a, M> {
             let found = minimize(&mut problem, DVector::zeros(free.len()), TIGHT)?;
             return problem.fit(&found);
         }
-        problem.known = self.nominal_slopes();
         let mut begun = Vec::new();
         let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
         if let [own] = candidates {
@@ -780,7 +694,6 @@ impl<'a, M: Model> Engine<'a, M> {
             }
         }
         let best = begun.into_iter().min_by(least)?;
-        problem.known = None;
         let found = minimize(&mut problem, best.x, LOOSE)?;
         problem.fit(&found)
     }
@@ -851,12 +764,26 @@ impl<'a, M: Model> Engine<'a, M> {
         Some(Hypothesis { candidates, fit })
     }
 
+    /// `hypothesis` with its minimum found to the last digit that matters.
+    pub fn polished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        self.tightened(hypothesis, false)
+    }
+
     /// `hypothesis` as it is estimated: noise at the edges of dead zones, which is the same for
     /// all that are compared, does not push them out.
     pub fn estimated(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+        self.tightened(hypothesis, true)
+    }
+
+    fn tightened(&self, hypothesis: &Hypothesis, edged: bool) -> Option<Hypothesis> {
         let mut joint = Fit::nothing(self.model.nominal_blocks().len());
         for (blocks, touching) in self.groups(&hypothesis.candidates) {
-            joint.join(self.refitted(hypothesis, (&blocks, &touching), TIGHT, true)?);
+            joint.join(if touching.is_empty() && !edged {
+                // It is tight already.
+                self.group(&blocks, &touching)?
+            } else {
+                self.refitted(hypothesis, (&blocks, &touching), TIGHT, edged)?
+            });
         }
         self.finished(hypothesis.candidates.clone(), joint)
     }

@@ -38,7 +38,8 @@ pub(crate) struct Linear {
     blocks: Vec<Block>,
     /// Those of nominal values first.
     priors: Vec<Prior>,
-    nominals: usize,
+    /// The blocks on which each nominal value acts.
+    nominal_blocks: Vec<Blocks>,
 }
 
 /// One block, whitened for each process of the grid.
@@ -105,11 +106,11 @@ fn grid() -> impl Iterator<Item = (f64, f64)> + Clone {
 impl Linear {
     /// Of blocks: each with its rows, a matrix of weights' columns and the residual last, a column
     /// for each row, and the RMS in bases that laws of named effects may leave there. The first
-    /// `nominals` weights are those of nominal values.
+    /// weights are those of nominal values, which act on `nominal_blocks`.
     pub(crate) fn new(
         blocks: Vec<(Rows, DMatrix<f64>, f64)>,
         priors: Vec<Prior>,
-        nominals: usize,
+        nominal_blocks: Vec<Blocks>,
     ) -> Linear {
         let block = |(rows, values, form_error): (Rows, DMatrix<f64>, f64)| {
             let whitened = grid().map(|(amplitude, time_constant_s)| {
@@ -134,18 +135,16 @@ impl Linear {
         Linear {
             blocks: blocks.into_iter().map(block).collect(),
             priors,
-            nominals,
+            nominal_blocks,
         }
     }
 
-    /// The prior, with nominal values of this standard deviation.
-    fn prior(&self, nominal: f64) -> Normal {
+    /// The prior, with nominal values outside their tolerances if they act on some blocks.
+    fn prior(&self, outside: Blocks) -> Normal {
         let deviations = self.priors.iter().enumerate().map(|(place, prior)| {
-            if place < self.nominals {
-                nominal * prior.deviation
-            } else {
-                prior.deviation
-            }
+            let blocks = self.nominal_blocks.get(place).copied().unwrap_or(0);
+            let factor = if blocks & outside != 0 { OUTSIDE } else { 1.0 };
+            factor * prior.deviation
         });
         let precisions = deviations.map(|deviation| deviation.powi(-2));
         let precisions = DVector::from_iterator(self.priors.len(), precisions);
@@ -163,24 +162,24 @@ impl Linear {
     /// Log evidence with unknowns in these blocks: processes of any amplitude, or, as probably,
     /// nominal values outside their tolerances.
     pub(crate) fn log_evidence(&self, unknown: Blocks) -> Option<f64> {
-        let (log, _) = self.with_processes(unknown, 1.0)?;
+        let (log, _) = self.with_processes(unknown, 0)?;
         if unknown == 0 {
             return Some(log);
         }
-        let outside = self.with_processes(0, OUTSIDE).map(|own| own.0);
+        let outside = self.with_processes(0, unknown).map(|own| own.0);
         let both = [Some(log), outside].into_iter().flatten();
         Some(log_sum(both) - 2.0_f64.ln())
     }
 
     /// The most probable weights with processes of any amplitude in all blocks.
     pub(crate) fn weights_beside_unknown(&self) -> Option<DVector<f64>> {
-        Some(self.with_processes(Blocks::MAX, 1.0)?.1)
+        Some(self.with_processes(Blocks::MAX, 0)?.1)
     }
 
-    /// Log evidence with processes of any amplitude in these blocks and nominal values of this
-    /// standard deviation, and the most probable weights.
-    fn with_processes(&self, unknown: Blocks, nominal: f64) -> Option<(f64, DVector<f64>)> {
-        let prior = self.prior(nominal);
+    /// Log evidence with processes of any amplitude in these blocks and nominal values outside
+    /// their tolerances in those, and the most probable weights.
+    fn with_processes(&self, unknown: Blocks, outside: Blocks) -> Option<(f64, DVector<f64>)> {
+        let prior = self.prior(outside);
         // Blocks of which nothing is explained yet must not pull weights that they share.
         let mut places = vec![grid().count() - 1; self.blocks.len()];
         let mut best = None;
@@ -294,7 +293,7 @@ mod tests {
             1 => other(row),
             _ => 3.0 * residual(row),
         });
-        Linear::new(vec![(rows(), values, form_error)], priors.to_vec(), 1)
+        Linear::new(vec![(rows(), values, form_error)], priors.to_vec(), vec![1])
     }
 
     const PRIORS: [Prior; 2] = [
@@ -354,7 +353,7 @@ mod tests {
             (rows(), values, 0.0)
         };
         let priors = [PRIORS[0], PRIORS[0], PRIORS[1], PRIORS[1]];
-        let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), 2);
+        let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), vec![1, 2]);
         let both = both.log_evidence(0).expect("a density");
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
     }

@@ -24,6 +24,8 @@ const FORMS: usize = 2;
 const BETTER: f64 = 2.0;
 /// Leading sets of which every form is tried, by their number of effects.
 const VARIED: [usize; MEMBERS] = [1, 2, 2];
+/// Most probable sets whose fit is made exact.
+const POLISHED: usize = 4;
 /// Sets of different names that are judged, by their number of effects, and forms of each.
 const JUDGED: [usize; MEMBERS + 1] = [1, 12, 12, 8];
 const JUDGED_FORMS: usize = 2;
@@ -115,6 +117,7 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
                 break;
             }
         }
+        search.polish();
         Some(search)
     }
 
@@ -231,6 +234,29 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             .collect();
         for (place, evidence) in chosen.into_iter().zip(evidence) {
             self.tried[place].evidence = Some(evidence);
+        }
+    }
+
+    /// Makes the fits of the most probable sets exact, and judges them again: the evidence is
+    /// linear about the fit, and what that misses looks unknown.
+    fn polish(&mut self) {
+        let mut order: Vec<(f64, &Hypothesis)> = Vec::new();
+        for own in &self.tried {
+            let logs = own.evidence.iter().flatten().flatten();
+            if let Some(log) = logs.map(|(_, log)| *log).reduce(f64::max) {
+                order.push((log, &own.hypothesis));
+            }
+        }
+        order.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let leading = order.into_iter().take(POLISHED);
+        let leading: Vec<Hypothesis> = leading.map(|(_, own)| own.clone()).collect();
+        let polished: Vec<Hypothesis> = leading
+            .par_iter()
+            .filter_map(|hypothesis| self.engine.polished(hypothesis))
+            .collect();
+        self.improve(polished);
+        for members in 0..=MEMBERS {
+            self.judge(members);
         }
     }
 

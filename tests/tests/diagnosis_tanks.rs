@@ -324,8 +324,10 @@ fn assert_named(pair: [(&str, f64); 2]) {
             tanks.with(effect, *size)
         });
     let model = TankModel::new(&tanks, 7, &[]);
-    let found = names(&model, &chosen(&model)).join(", ");
-    assert_eq!(found, catalogue_order(&pair.map(|(effect, _)| effect)));
+    let selection = chosen(&model);
+    let found = names(&model, &selection).join(", ");
+    let expected = catalogue_order(&pair.map(|(effect, _)| effect));
+    assert_eq!(found, expected, "{:?}", selection.posterior);
 }
 
 #[test]

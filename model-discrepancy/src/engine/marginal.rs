@@ -150,7 +150,14 @@ impl<M: Model> Engine<'_, M> {
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
-        Some((Linear::new(linear, priors, free.len()), shown))
+        let nominal_blocks = free.iter().map(|nominal| {
+            let acts = &self.model.nominal_blocks()[*nominal];
+            let own = blocks.iter().enumerate();
+            own.filter(|(_, block)| acts.contains(block))
+                .fold(0, |mask, (place, _)| mask | (1 << place))
+        });
+        let nominal_blocks = nominal_blocks.collect();
+        Some((Linear::new(linear, priors, nominal_blocks), shown))
     }
 
     /// The rows of `block` among the residuals of `blocks` over all records, each with those that
