@@ -478,7 +478,7 @@ const LINKS: &[u8] = include_bytes!("import/links.h5");
 const BOMB: &[u8] = include_bytes!("import/bomb.h5");
 
 /// Imports the file `name` of `folder` by the command: what it says on stderr. A small file takes
-/// 2 s at most, with the process that reads it; the memory of that process is limited by the system.
+/// 2 s at most, with the process that reads it; the system limits the memory of that process.
 fn cheap(folder: &Path, name: &str, map: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)
