@@ -75,6 +75,15 @@ pub(crate) fn did_you_mean(found: &str, known: &[&str]) -> String {
     nearest.map_or_else(String::new, |name| format!(": did you mean {name}?"))
 }
 
+/// `value` as messages have it: scientific only where it is very small or large.
+pub(crate) fn shown(value: f64) -> String {
+    if value == 0.0 || (1e-4..1e5).contains(&value.abs()) {
+        value.to_string()
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// `text` with everything that would break a line escaped, and cut if a file made it endless.
 fn one_line(text: &str) -> String {
     // Lists of names stay whole: the names of all effects have 320 characters.

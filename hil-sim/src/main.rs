@@ -35,6 +35,9 @@ struct Cli {
     command: Option<Command>,
 }
 
+/// Of a command that has commands of its own: its help is the answer.
+const MISSING_SUBCOMMAND: ErrorKind = ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand;
+
 const EXAMPLES: &str = "\
 Examples:
   hil-sim                                          compare with the paper
@@ -103,23 +106,65 @@ fn color(arguments: impl Iterator<Item = String>) -> ColorChoice {
 
 /// Options of `paper` do not act on another command. clap's own conflict of options and commands
 /// would refuse the global ones, too.
-fn refuse_options_before_a_command(command: &mut clap::Command, matches: &clap::ArgMatches) {
+fn refuse_options_before_a_command(
+    command: &mut clap::Command,
+    matches: &clap::ArgMatches,
+) -> Result<(), clap::Error> {
     let Some(name) = matches.subcommand_name() else {
-        return;
+        return Ok(());
     };
     let given = |argument: &&clap::Arg| {
         let id = argument.get_id().as_str();
         !argument.is_global_set() && matches.value_source(id) == Some(ValueSource::CommandLine)
     };
     let first = command.get_arguments().find(given).map(ToString::to_string);
-    if let Some(option) = first {
+    first.map_or(Ok(()), |option| {
         let what = format!("the option '{option}' stands before the command: `hil-sim {name} …`");
-        command.error(ErrorKind::ArgumentConflict, what).exit();
+        Err(command.error(ErrorKind::ArgumentConflict, what))
+    })
+}
+
+/// The arguments.
+fn parse(color: ColorChoice) -> Result<Cli, clap::Error> {
+    // `--duration -3` is a number out of range and no unknown option.
+    let mut command = Cli::command().color(color);
+    let names: Vec<_> = command
+        .get_subcommands()
+        .map(|one| one.get_name().to_owned())
+        .collect();
+    for name in names {
+        command = command.mut_subcommand(name, |one| one.allow_negative_numbers(true));
     }
+    let matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    refuse_options_before_a_command(&mut command, &matches)?;
+    Cli::from_arg_matches(&matches)
+}
+
+/// What is wrong with the arguments, in one line: what clap says, and where it shows the usage the
+/// command whose help has it.
+fn in_one_line(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let (mut told, mut help) = (Vec::new(), String::new());
+    for part in text.split("\n\n") {
+        let words: Vec<_> = part.split_whitespace().collect();
+        match words.first() {
+            Some(&"Usage:") => {
+                let names = words[1..]
+                    .iter()
+                    .take_while(|word| !word.starts_with(['-', '<', '[']));
+                let command = names.copied().collect::<Vec<_>>().join(" ");
+                help = format!(" (`{command} --help`)");
+            }
+            None | Some(&"For") => {}
+            Some(_) => told.push(words.join(" ")),
+        }
+    }
+    let told = told.join("; ");
+    told.strip_prefix("error: ").unwrap_or(&told).to_owned() + &help
 }
 
 /// Prints a failure to stderr.
-fn print_failure(failure: &Failure, color: ColorChoice) {
+fn print_failure(failure: &impl std::fmt::Display, color: ColorChoice) {
     let on_terminal = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let red = match color {
         ColorChoice::Always => true,
@@ -135,18 +180,16 @@ fn print_failure(failure: &Failure, color: ColorChoice) {
 
 fn main() -> ExitCode {
     let color = color(std::env::args_os().map(|word| word.to_string_lossy().into_owned()));
-    // `--duration -3` is a number out of range and no unknown option.
-    let mut command = Cli::command().color(color);
-    let names: Vec<_> = command
-        .get_subcommands()
-        .map(|one| one.get_name().to_owned())
-        .collect();
-    for name in names {
-        command = command.mut_subcommand(name, |one| one.allow_negative_numbers(true));
-    }
-    let matches = command.get_matches_mut();
-    refuse_options_before_a_command(&mut command, &matches);
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let cli = match parse(color) {
+        Ok(cli) => cli,
+        // Help and version are no errors, nor is a command without its subcommand.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) if error.kind() == MISSING_SUBCOMMAND => error.exit(),
+        Err(error) => {
+            print_failure(&in_one_line(&error), color);
+            return ExitCode::from(2);
+        }
+    };
     cmd::set_quiet(cli.quiet);
     cmd::set_accept(cli.accept);
     #[cfg(feature = "terminal")]

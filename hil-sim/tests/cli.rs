@@ -663,6 +663,25 @@ fn inputs_have_no_gap_and_a_constant_signal_has_no_percentage() {
 }
 
 #[test]
+fn a_simulated_test_signal_shows_what_the_rig_would_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    rig_file(folder.path(), "kind", "kind");
+    let (words, _) = simulated(folder.path(), DRIVE);
+    assert!(words.contains("nothing is compared"), "{words}");
+    let row = |name: &str| {
+        words
+            .lines()
+            .find(|line| line.trim_start().starts_with(name))
+    };
+    let pressure = row("gauge pressure").expect("its row");
+    assert!(pressure.contains("kPa"), "{words}");
+    assert!(
+        row("contraction").is_some() && row("force").is_some(),
+        "{words}"
+    );
+}
+
+#[test]
 fn optional_columns_without_a_sample_are_absent() {
     let folder = tempfile::tempdir().expect("a folder");
     rig_file(folder.path(), "kind", "kind");

@@ -196,7 +196,7 @@ fn a_malformed_leak_is_refused_with_line_and_key() {
             "conductance_kg_per_pa_s = -1e-9\n",
             2,
             "conductance_kg_per_pa_s",
-            "a number from 0e0 to 1e-6",
+            "a number from 0 to 1e-6",
         ),
     ] {
         assert_refused(
@@ -282,7 +282,7 @@ fn every_wrong_key_of_an_effect_is_in_one_error() {
         (0, "force_n", "a number [N], found no such key".into()),
         (4, "reach", "a number, found string".into()),
         (0, "asymmetry", "a number [1], found no such key".into()),
-        (6, "base_share", "a number from 0e0 to 6e-1, found 9".into()),
+        (6, "base_share", "a number from 0 to 0.6, found 9".into()),
     ];
     let says = says.map(|(line, key, expected)| {
         format!("{}: key `effect.{key}`: expected {expected}", first + line)

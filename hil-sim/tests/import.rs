@@ -14,6 +14,7 @@ use mcap::{Compression, WriteOptions};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -473,6 +474,84 @@ fn small_files_cannot_cost_much() {
     assert!(begin.elapsed().as_secs_f64() < 30.0);
 }
 
+const LINKS: &[u8] = include_bytes!("import/links.h5");
+const BOMB: &[u8] = include_bytes!("import/bomb.h5");
+
+/// Imports the file `name` of `folder` by the command: what it says on stderr. A small file takes
+/// 2 s at most, with the process that reads it; the system limits the memory of that process.
+fn cheap(folder: &Path, name: &str, map: &str) -> String {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+        .current_dir(folder)
+        .args(["import", name, "--map", map, "--out", "out.csv"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the command runs");
+    let mut error = String::new();
+    let stderr = child.stderr.as_mut().expect("piped");
+    stderr.read_to_string(&mut error).expect("text");
+    let used = wait4::Wait4::wait4(&mut child).expect("it ends");
+    let lines = usize::from(!used.status.success());
+    assert_eq!(error.lines().count(), lines, "{name}: {error}");
+    let time_s = (used.rusage.utime + used.rusage.stime).as_secs_f64();
+    // Crates without optimisation are slower by a factor of ten and more.
+    let limit_s = if cfg!(debug_assertions) { 30.0 } else { 2.0 };
+    assert!(time_s < limit_s, "{name}: {time_s} s");
+    error
+}
+
+#[test]
+fn small_hdf5_files_cannot_cost_much() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let map = SIMPLE
+        .replace("column = 1", "column = \"t_ms\"")
+        .replace("column = 2", "column = \"x7\"");
+    std::fs::write(path.join("map.toml"), map).expect("written");
+    for (name, file, says) in [
+        ("back.h5", BACK, "expected at most 2000 datasets and groups"),
+        (
+            "filled.h5",
+            FILLED,
+            "expected at most 4000000 numbers of a file of its size",
+        ),
+        (
+            "links.h5",
+            LINKS,
+            "row 2: expected a time after 0 s, or `time.repeated`",
+        ),
+        ("bomb.h5", BOMB, "expected a dataset that can be read"),
+    ] {
+        std::fs::write(path.join(name), file).expect("written");
+        let error = cheap(path, name, "map.toml");
+        assert!(error.contains(says), "{error}");
+    }
+}
+
+/// 10 MB of one number in each line, and of an ordinary record.
+#[test]
+fn ten_megabytes_of_csv_cost_little() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    let ones = "[file]\nheader = false\n[time]\nrate_hz = 100\n[columns.force_n]\ncolumn = 1\n\
+                unit = \"N\"\n";
+    std::fs::write(path.join("ones.toml"), ones).expect("written");
+    std::fs::write(path.join("ones.csv"), "1\n".repeat(5_000_000)).expect("written");
+    assert_eq!(cheap(path, "ones.csv", "ones.toml"), "");
+    let row = |row: u32| {
+        format!(
+            "{}.{:02},{}.123456789012\n",
+            row / 100,
+            row % 100,
+            row % 1000
+        )
+    };
+    let rows: String = (0..400_000).map(row).collect();
+    std::fs::write(path.join("rows.toml"), SIMPLE).expect("written");
+    std::fs::write(path.join("rows.csv"), format!("t,f\n{rows}")).expect("written");
+    assert_eq!(cheap(path, "rows.csv", "rows.toml"), "");
+}
+
 #[test]
 fn fields_of_structs_and_arrays_of_one_dimension_are_read() {
     let struct_field = SIMPLE
@@ -737,9 +816,25 @@ fn a_log_of_this_program_needs_no_mapping() {
     assert!(
         other
             .to_string()
-            .contains("found Zeit;Druck; a mapping (`hil-sim import --example`)"),
+            .contains("found Zeit, Druck; a mapping (`hil-sim import --example`)"),
         "{other}"
     );
+}
+
+#[test]
+fn a_record_from_a_spreadsheet_needs_no_mapping() {
+    for text in [
+        "time_s;pressure_pa;note\n0;1,5;a, b\n0,01;1,75;c\n",
+        "time_s\tpressure_pa\tnote\n0\t1.5\t1,2 m\n0.01\t1.75\t\n",
+        "time_s,pressure_pa,note\n0,1.5,a;b\n0.01,1.75,\n",
+    ] {
+        let map = Map::of_record("a.csv", text.as_bytes(), &["pressure_pa=bar".into()]);
+        let imported = map.expect("a record").import("a.csv", text.as_bytes());
+        let record = imported.expect("a record").record;
+        assert!(close(record.time_s(), &[0.0, 0.01]), "{text}");
+        let pressure_pa = record.column(PRESSURE_PA).expect("the column");
+        assert!(close(pressure_pa, &[1.5e5, 1.75e5]), "{text}");
+    }
 }
 
 /// A ZIP file of parts.
@@ -874,27 +969,8 @@ fn small_workbooks_and_logs_cannot_cost_much() {
         } else {
             "log.toml"
         };
-        let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
-            .current_dir(folder.path())
-            .args(["import", name, "--map", map, "--out", "out.csv"])
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the command runs");
-        let mut error = String::new();
-        let stderr = child.stderr.as_mut().expect("piped");
-        stderr.read_to_string(&mut error).expect("text");
-        let used = wait4::Wait4::wait4(&mut child).expect("it ends");
-        // With its child process, which reads the file; its memory is limited by the system.
-        let time_s = (used.rusage.utime + used.rusage.stime).as_secs_f64();
+        let error = cheap(folder.path(), name, map);
         assert!(error.contains(says), "{name}: {error}");
-        assert_eq!(
-            error.lines().count(),
-            usize::from(!used.status.success()),
-            "{name}: {error}"
-        );
-        // Crates without optimisation are slower by a factor of ten and more.
-        let limit_s = if cfg!(debug_assertions) { 30.0 } else { 2.0 };
-        assert!(time_s < limit_s, "{name}: {time_s} s");
     }
 }
 

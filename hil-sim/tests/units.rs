@@ -262,3 +262,40 @@ fn a_rig_in_other_units_is_refused_where_it_is_read_and_accepted_if_told_to() {
     let accept = ["rig", "check", "rig.toml", "--accept"];
     assert_eq!(run(folder, &accept).0, Some(0));
 }
+
+/// A record of the assistance with one row each `period_s`: the finger goes up and down once while
+/// the pressure follows, and the muscle is vented for most of the time.
+fn assistance(period_s: f64, lifts: bool) -> String {
+    let mut text =
+        String::from("time_s,pressure_ref_pa,pressure_pa,contraction,force_n,finger_m\n");
+    for row in 0..200 {
+        let share = (f64::from(row - 120) / 40.0).clamp(0.0, 1.0) * f64::from(u8::from(lifts));
+        let up = (std::f64::consts::PI * share).sin();
+        let force_n = if up > 0.05 { 117.0 } else { -183.0 };
+        let [pressure_pa, contraction, finger_m] = [3e5 * up, 0.2 * up, 0.1 * up];
+        let time_s = period_s * f64::from(row);
+        text +=
+            &format!("{time_s},{pressure_pa},{pressure_pa},{contraction},{force_n},{finger_m}\n");
+    }
+    text
+}
+
+#[test]
+fn rows_that_are_slower_than_a_person_are_in_ms() {
+    let rig = Rig::reference();
+    assert_eq!(doubts(&assistance(0.01, true), Some(&rig)), []);
+    let found = doubts(&assistance(10.0, true), Some(&rig));
+    assert_eq!(options(&found), ["time_s=ms"]);
+    let told = found[0].to_string();
+    assert!(told.contains("a person moves `finger_m`"), "{told}");
+}
+
+/// Eq 1 has a negative force there, as the simulator reads it.
+#[test]
+fn the_force_of_a_vented_muscle_is_not_of_the_wrong_sign() {
+    let rig = Rig::reference();
+    assert_eq!(doubts(&assistance(0.01, true), Some(&rig)), []);
+    assert_eq!(doubts(&assistance(0.01, false), Some(&rig)), []);
+    let other = changed(&assistance(0.01, true), &[FORCE_N], |force_n| -force_n);
+    assert_eq!(options(&doubts(&other, Some(&rig))), ["force_n=N,scale=-1"]);
+}

@@ -26,6 +26,8 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use tungstenite::{Message, WebSocket};
 
+/// The command to repeat the report, with what HTML and shells escape.
+const COMMAND: &str = "hil-sim diagnose --rig 'my rig.toml' --out <out>";
 /// Timeout of every operation of the browser.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Contrast that WCAG 2 requires for text, and for the lines of a plot.
@@ -401,6 +403,7 @@ fn report() -> &'static Report {
             diagnosis.verdict
         );
         report.sections.extend(diagnosis.sections);
+        report.repeat = vec![COMMAND.into()];
         report
     })
 }
@@ -601,6 +604,51 @@ fn a_line_is_hidden_by_keyboard() {
              })()",
         );
         assert_eq!(shown, json!([true, false]));
+    });
+}
+
+/// Without the clipboard, which a browser may refuse, the command is selected.
+#[test]
+#[ignore = "needs Chromium"]
+fn the_command_to_repeat_is_copied_by_a_button() {
+    in_browser(|page, _| {
+        for (clipboard, expected) in [
+            (
+                "{ writeText: async (text) => { window.copied = text; } }",
+                "Copied",
+            ),
+            ("undefined", "Copy"),
+        ] {
+            let copied = page.evaluate(&format!(
+                "(async () => {{
+                   Object.defineProperty(navigator, 'clipboard',
+                     {{ value: {clipboard}, configurable: true }});
+                   window.copied = undefined;
+                   const button = document.querySelector('footer button');
+                   button.textContent = 'Copy';
+                   button.click();
+                   await new Promise((done) => setTimeout(done, 50));
+                   return [button.textContent, window.copied ?? getSelection().toString().trim()];
+                 }})()"
+            ));
+            assert_eq!(copied, json!([expected, COMMAND]));
+        }
+    });
+}
+
+#[test]
+#[ignore = "needs Chromium"]
+fn the_contents_lead_to_every_section() {
+    in_browser(|page, report| {
+        let reached = page.strings(
+            "[...document.querySelectorAll('nav a')].map((link) =>
+               document.querySelector(link.getAttribute('href')).querySelector('h2').textContent)",
+        );
+        let headings = report
+            .sections
+            .iter()
+            .map(|section| section.heading.clone());
+        assert_eq!(reached, headings.collect::<Vec<_>>());
     });
 }
 

@@ -1,6 +1,7 @@
 //! A board's settings as TOML, with all names, units and values of [`SettingsValues`].
 
 use crate::error::BadInput;
+use crate::input::read_text;
 use model_core::settings::{Settings, SettingsValues};
 use std::path::Path;
 
@@ -21,9 +22,7 @@ pub fn to_toml(values: &SettingsValues) -> String {
 /// of range.
 pub fn read(path: &Path) -> Result<Settings, BadInput> {
     let file = path.display().to_string();
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| BadInput::file(&*file, format!("a file that can be read, {error}")))?;
-    parse(&file, &text)
+    parse(&file, &read_text(path, "a readable TOML file")?)
 }
 
 /// As [`read`], from the `text` of `file`.

@@ -51,6 +51,7 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    super::check_folder(&args.out)?;
     let path = args.out.join("settings.toml");
     for input in [Some(&args.rig), args.settings.as_ref()]
         .into_iter()

@@ -51,8 +51,8 @@ pub struct Args {
           default_value_t = Costs::default().missing_name)]
     cost_missing_name: f64,
     /// Number of threads; all cores if omitted
-    #[arg(long, value_name = "COUNT")]
-    threads: Option<usize>,
+    #[arg(long, value_name = "COUNT", value_parser = super::whole(1, 1000))]
+    threads: Option<u64>,
     /// Print the diagnosis as JSON instead of text
     #[arg(long)]
     json: bool,
@@ -152,6 +152,7 @@ fn options(args: &Args) -> Options {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let date = utc(written_at()?);
+    super::check_folder(&args.out)?;
     let text = Rig::read_text(&args.rig)?;
     let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
     super::accepted(rig.check_units())?;
@@ -161,7 +162,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     check_tolerances(&rig, args)?;
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
-        pool = pool.num_threads(threads);
+        pool = pool.num_threads(threads as usize);
     }
     let pool = pool
         .build()

@@ -1,7 +1,7 @@
 //! `hil-sim faults`.
 
 use super::Failure;
-use super::{Progress, REFERENCE_RIG, Results};
+use super::{Progress, REFERENCE_RIG, Results, whole};
 use hil_sim::bench::recorder::Recorder;
 use hil_sim::error::{BadInput, one_of};
 use hil_sim::faults::ablation::SafetyFunction;
@@ -33,13 +33,13 @@ pub struct Args {
     results: Results,
     /// Number of cases
     #[arg(long, default_value_t = 23_000,
-        value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+        value_parser = whole(1, 10_000_000))]
     cases: u64,
     /// Seed of the random numbers
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, value_parser = whole(0, u64::MAX))]
     seed: u64,
     /// Run only this case, and write its record
-    #[arg(long, value_name = "N", conflicts_with = "cases")]
+    #[arg(long, value_name = "N", value_parser = whole(0, u64::MAX), conflicts_with = "cases")]
     case: Option<u64>,
     /// Switch this safety function off
     #[arg(long, value_name = "FUNCTION", value_parser = function)]
@@ -63,6 +63,7 @@ const WITH_HARDWARE: u64 = 40;
 pub fn run(args: &Args) -> Result<bool, Failure> {
     super::note(format_args!("seed: {}", args.seed));
     let results = &args.results;
+    super::check_folder(&results.out)?;
     if let Some(number) = args.case {
         return run_one(args, number);
     }

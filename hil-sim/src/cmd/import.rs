@@ -2,6 +2,7 @@
 
 use super::Failure;
 use hil_sim::error::BadInput;
+use hil_sim::input;
 use hil_sim::output::same_file;
 use hil_sim::record::import::{ColumnSummary, Map, Mended, Summary};
 use hil_sim::report::{Report, Section, Table};
@@ -58,8 +59,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let map = args.map.as_deref().map(Map::read).transpose()?;
     let name = file.display().to_string();
-    let bytes = std::fs::read(file)
-        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
+    let bytes = input::read(file, "a readable file")?;
     #[cfg(all(unix, feature = "formats"))]
     if hil_sim::record::import::is_read_by_crates(&bytes) {
         if bounded::is_parent() {

@@ -208,6 +208,26 @@ fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     }
 }
 
+/// Reads a whole number from `min` to `max`.
+fn whole(min: u64, max: u64) -> impl Fn(&str) -> Result<u64, String> + Clone {
+    move |text| match text.parse() {
+        Ok(value) if (min..=max).contains(&value) => Ok(value),
+        _ if max == u64::MAX => Err(format!("expected a whole number of at least {min}")),
+        _ => Err(format!("expected a whole number from {min} to {max}")),
+    }
+}
+
+/// Refuses a file in the place of the folder `out`, before what is written there is computed.
+fn check_folder(out: &Path) -> Result<(), BadInput> {
+    if out.exists() && !out.is_dir() {
+        return Err(BadInput::file(
+            out.display().to_string(),
+            "a folder, found a file",
+        ));
+    }
+    Ok(())
+}
+
 /// Prints results. A closed pipe (`| head`) is not an error.
 fn print(text: &str) -> Result<(), NotWritten> {
     use std::io::{ErrorKind, Write};

@@ -71,7 +71,7 @@ pub struct Scenario {
     )]
     output_delay: f64,
     /// Seed of the noise
-    #[arg(long, default_value_t = Run::PAPER.seed)]
+    #[arg(long, default_value_t = Run::PAPER.seed, value_parser = super::whole(0, u64::MAX))]
     pub seed: u64,
 }
 

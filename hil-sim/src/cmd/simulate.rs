@@ -6,6 +6,8 @@ use hil_sim::error::BadInput;
 use hil_sim::identify::gap;
 use hil_sim::identify::simulate::{self, simulate_with};
 use hil_sim::output::{same_file, write_atomically};
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
+use hil_sim::report::{Axis, Plot, Report, Role, Section, Series, Table};
 use muscle_plant::simulation::TOLERANCE;
 use std::path::{Path, PathBuf};
 
@@ -69,6 +71,54 @@ fn check_outputs(args: &Args) -> Result<(), BadInput> {
     }
 }
 
+/// The signals that are simulated: column, name, unit, factor from the SI value to it.
+const SIGNALS: [(&str, &str, &str, f64); 3] = [
+    (PRESSURE_PA, "gauge pressure", "kPa", 1e-3),
+    (CONTRACTION, "contraction", "%", 100.0),
+    (FORCE_N, "force", "N", 1.0),
+];
+
+/// The report on a simulation of inputs alone, as of a test signal.
+fn without_measurement(simulated: &Record) -> Report {
+    let (mut rows, mut plots) = (Vec::new(), Vec::new());
+    for (column, name, unit, factor) in SIGNALS {
+        let Some(values) = simulated.column(column) else {
+            continue;
+        };
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let [low, high] =
+            [low, high].map(|value| format!("{} {unit}", super::short(factor * value)));
+        rows.push(vec![name.into(), low, high]);
+        plots.push(Plot {
+            title: format!("Simulated {name}"),
+            caption: String::new(),
+            x: Axis::new("time", "s", 1.0),
+            y: Axis::new(name, unit, factor),
+            series: vec![
+                Series::thinned("simulated", simulated.time_s(), values).role(Role::Nominal),
+            ],
+            markers: Vec::new(),
+            sync: Some("simulated".into()),
+        });
+    }
+    Report {
+        title: "Simulation".into(),
+        verdict: vec!["The record measured nothing that is simulated: nothing is compared.".into()],
+        sections: vec![Section {
+            heading: "Signals".into(),
+            tables: vec![Table {
+                caption: "Range of each simulated signal".into(),
+                columns: ["signal", "minimum", "maximum"].map(String::from).to_vec(),
+                rows,
+            }],
+            plots,
+            ..Section::default()
+        }],
+        repeat: Vec::new(),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let rig = super::read_rig(&args.rig)?;
@@ -79,7 +129,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         simulate_with(&rig, &record, args.tolerance, || progress.step())?
     };
     let gaps = gap::gaps(&record, &simulated, simulate::simulated(&rig, &record));
-    let mut report = gap::report(&record, &simulated, &gaps);
+    let mut report = match gaps.is_empty() {
+        true => without_measurement(&simulated),
+        false => gap::report(&record, &simulated, &gaps),
+    };
     report.repeat = vec![super::this_command()];
     simulated.write(&args.out)?;
     if let Some(path) = &args.report {

@@ -1,6 +1,7 @@
 //! Tables of a data sheet as CSV, whose columns name their unit.
 
 use crate::error::{BadInput, did_you_mean};
+use crate::input;
 use crate::record::units::Unit;
 use std::path::Path;
 
@@ -37,9 +38,11 @@ pub(super) fn read<const N: usize>(
     quantities: [Quantity; N],
 ) -> Result<Vec<(usize, [f64; N])>, BadInput> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path)
-        .map_err(|error| BadInput::file(&name, format!("a readable CSV file, {error}")))?;
-    parse(&name, &bytes, quantities)
+    parse(
+        &name,
+        &input::read(path, "a readable CSV file")?,
+        quantities,
+    )
 }
 
 fn parse<const N: usize>(

@@ -3,7 +3,9 @@
 use super::misnamed::misnamed_time;
 use super::{Cells, KNOWN, PRESSURE_REF_PA, Record, TIME_S, in_range};
 use crate::error::BadInput;
+use crate::input;
 use crate::output::{NotWritten, write_atomically_with};
+use std::collections::HashSet;
 use std::io::Write;
 use std::path::Path;
 
@@ -41,10 +43,7 @@ impl Record {
     /// # Errors
     /// The file cannot be read.
     pub fn read_bytes(path: &Path) -> Result<Vec<u8>, BadInput> {
-        std::fs::read(path).map_err(|error| {
-            let name = path.display().to_string();
-            BadInput::file(name, format!("a readable CSV file, {error}"))
-        })
+        input::read(path, "a readable CSV file")
     }
 
     /// Reads a record from the bytes of the file `name`.
@@ -252,11 +251,12 @@ fn columns(
         ..BadInput::file(file, expected)
     };
     let mut columns: Vec<Option<(String, Cells)>> = Vec::new();
+    let mut names = HashSet::new();
     for (place, name) in header.iter().enumerate() {
         if name.is_empty() {
             return Err(bad(format!("a name for column {}, found none", place + 1)));
         }
-        if header.iter().take(place).any(|before| before == name) {
+        if !names.insert(name) {
             return Err(bad(format!("each column once, found `{name}` again")));
         }
         columns.push(match name {
@@ -271,9 +271,12 @@ fn columns(
         let none = || {
             let found: String = header.iter().collect::<Vec<_>>().join(",");
             let found: String = found.chars().take(HEADER_LEN).collect();
+            let found = match found.as_str() {
+                "" => "an empty file".into(),
+                _ => format!("`{found}` (`hil-sim import` reads other names and delimiters)"),
+            };
             bad(format!(
-                "a header line with a column `time_s`, found `{found}` (`hil-sim import` reads \
-                 other names and delimiters)"
+                "a header line with a column `time_s`, found {found}"
             ))
         };
         return Err(misnamed_time(file, header.iter()).unwrap_or_else(none));
@@ -338,7 +341,11 @@ fn not_csv(file: &str, bytes: &[u8], error: &csv::Error) -> BadInput {
         } => {
             format!("{expected_len} cells as in the header, found {len}")
         }
-        csv::ErrorKind::Utf8 { .. } => "text in UTF-8, found other bytes".into(),
+        csv::ErrorKind::Utf8 { .. } => {
+            "text in UTF-8, found other bytes (`hil-sim import` reads Latin-1, xlsx, MATLAB, HDF5 \
+             and MCAP, and says what converts other formats)"
+                .into()
+        }
         _ => format!("CSV, {error}"),
     };
     BadInput {

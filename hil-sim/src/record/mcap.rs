@@ -2,6 +2,7 @@
 //! tick, with the columns of the CSV as fields, and their JSON schema.
 
 use crate::error::BadInput;
+use crate::input;
 use crate::output::NotWritten;
 use crate::record::columns::{COLUMNS, Cell, Column};
 use crate::record::{self, Record, TIME_S};
@@ -316,9 +317,7 @@ fn messages(name: &str, bytes: &[u8]) -> Result<Vec<Vec<u8>>, BadInput> {
 /// The file cannot be read, is not such a file, or holds no ticks.
 pub fn read(path: &Path) -> Result<Record, BadInput> {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path)
-        .map_err(|error| BadInput::file(&name, format!("a readable file, {error}")))?;
-    parse(&name, &bytes)
+    parse(&name, &input::read(path, "a readable file")?)
 }
 
 /// Reads a record from the bytes of the file `name`, as [`read`].

@@ -251,7 +251,7 @@ fn escaped(text: &str) -> String {
     escaped
 }
 
-/// A cell escaped for HTML, with no line break between a number and its unit.
+/// A cell or sentence escaped for HTML, with no line break between a number and its unit.
 fn cell(text: &str) -> String {
     let mut cell = String::with_capacity(text.len());
     let mut rest = text.chars().peekable();
@@ -296,7 +296,7 @@ impl Report {
         writeln!(html, "<header><h1>{}</h1>", escaped(&self.title))?;
         for (number, sentence) in self.verdict.iter().enumerate() {
             let class = if number == 0 { "headline" } else { "verdict" };
-            writeln!(html, "<p class=\"{class}\">{}</p>", escaped(sentence))?;
+            writeln!(html, "<p class=\"{class}\">{}</p>", cell(sentence))?;
         }
         writeln!(html, "</header>")?;
         self.write_contents(html)?;

@@ -183,6 +183,7 @@ pub(super) fn sections(wanted: fn(&Key) -> bool) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::shown;
 
     /// What `hil-sim rig new` writes has a tolerance for each value that may have one.
     #[test]
@@ -251,7 +252,8 @@ mod tests {
                 let error = Rig::parse("rig.toml", &text).expect_err("a value out of range");
                 let place = format!("key `{}.{}`", key.section, key.name);
                 assert_eq!(error.place, Some(place));
-                let range = format!("a number from {:e} to {:e}, found", key.min, key.max);
+                let (min, max) = (shown(key.min), shown(key.max));
+                let range = format!("a number from {min} to {max}, found");
                 assert!(error.expected.starts_with(&range), "{error}");
             }
         }

@@ -11,6 +11,7 @@ pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances};
 pub use provenance::{FileHash, FoundEffect, Provenance, UsedRecord};
 
 use crate::error::BadInput;
+use crate::input::read_text;
 use model_core::assist::Assist;
 use model_core::muscle::Volume;
 use muscle_plant::effects::{Catalogue, Effect};
@@ -85,11 +86,7 @@ impl Rig {
     /// # Errors
     /// The file cannot be read, or is not UTF-8.
     pub fn read_text(path: &Path) -> Result<String, BadInput> {
-        let name = path.display().to_string();
-        let text = std::fs::read(path)
-            .map_err(|error| BadInput::file(&name, format!("a readable TOML file, {error}")))?;
-        String::from_utf8(text)
-            .map_err(|_| BadInput::file(&name, "text in UTF-8, found other bytes"))
+        read_text(path, "a readable TOML file")
     }
 
     /// Reads a rig from the text of the file `name`.

@@ -3,7 +3,7 @@
 use super::keys::{self, Key};
 use super::units::likely_unit;
 use super::{Provenance, Rig, Tolerance};
-use crate::error::{BadInput, did_you_mean, one_of};
+use crate::error::{BadInput, did_you_mean, one_of, shown};
 use crate::record::TIME_S;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
@@ -24,7 +24,7 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
     let document = Document::parse(text).map_err(|error| {
         let line = error.span().map(|span| line_of(text, span.start));
         let words = line.and_then(|line| text.lines().nth(line - 1));
-        let number = words.and_then(with_decimal_comma);
+        let number = words.and_then(misspelt_number);
         BadInput {
             file: name.into(),
             line,
@@ -34,7 +34,7 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
                 (Some(first), _) if first.contains(TIME_S) => {
                     format!("a rig in TOML, found `{first}`")
                 }
-                (_, Some(number)) => format!("a decimal point, found {number}"),
+                (_, Some(expected)) => expected,
                 _ => format!("TOML, {}", error.message()),
             },
         }
@@ -47,11 +47,21 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
     file.rig(document.as_table())
 }
 
-/// The value of a line of TOML if it is a number with a comma.
-fn with_decimal_comma(line: &str) -> Option<&str> {
+/// What is expected in a line of TOML whose value is a number of another spelling: with a comma, a
+/// minus of typesetters, or its unit.
+fn misspelt_number(line: &str) -> Option<String> {
     let value = line.split_once('=')?.1.split('#').next()?.trim();
-    let number = value.replacen(',', ".", 1);
-    (number != value && number.parse::<f64>().is_ok()).then_some(value)
+    let is_number = |text: &str| text.parse::<f64>().is_ok();
+    let expected = if is_number(&value.replacen(',', ".", 1)) {
+        "a decimal point"
+    } else if is_number(&value.replace(['\u{2212}', '\u{2013}'], "-")) {
+        "the minus sign of the keyboard"
+    } else if is_number(value.split(' ').next()?) {
+        "a number without its unit, which the key names"
+    } else {
+        return None;
+    };
+    (!is_number(value)).then(|| format!("{expected}, found {value}"))
 }
 
 /// The line of the byte at `offset`, from 1.
@@ -130,7 +140,12 @@ impl<'a> Section<'a> {
         }
         Err(self.bad(
             key,
-            format!("a number from {min:e} to {max:e}, found {value}"),
+            format!(
+                "a number from {} to {}, found {}",
+                shown(min),
+                shown(max),
+                shown(value)
+            ),
         ))
     }
 

@@ -1,7 +1,7 @@
 //! Values of a rig that cannot be in the units that their names say.
 
 use super::{Key, Rig};
-use crate::error::BadInput;
+use crate::error::{BadInput, shown};
 use crate::plausible::{
     ATMOSPHERE_PA, DIAMETER_M, LENGTH_M, LEVER_M_MAX, PRESSURE_IDLE_PA, PRESSURE_TYPICAL_PA,
     PRESSURE_UNITS, SONIC_FLOW_KG_PER_PA_S_M2, TOLERANCE_MAX, VOLUME_RATIO, nearest,
@@ -55,7 +55,7 @@ fn units_of(si: &str) -> &'static [(&'static str, f64)] {
 fn most_likely(unit: &str, value: f64) -> String {
     // Without the rounding errors of the conversion.
     let digits = format!("{value:.9e}").parse().unwrap_or(value);
-    format!(", most likely {unit}: write {digits:e}")
+    format!(", most likely {unit}: write {}", shown(digits))
 }
 
 impl Rig {
@@ -280,10 +280,10 @@ mod tests {
             "valve.supply",
             "psi: write 4.99",
         ],
-        ["initial_length_m = 300", "initial_length", "mm: write 3e-1"],
-        ["initial_length_m = 30", "initial_length", "cm: write 3e-1"],
+        ["initial_length_m = 300", "initial_length", "mm: write 0.3"],
+        ["initial_length_m = 30", "initial_length", "cm: write 0.3"],
         ["volume_d3_m3 = 2.3e-2", "volume_d3", "l: write 2.3e-5"],
-        ["mass_kg = 12000", "load.mass_kg", "g: write 1.2e1"],
+        ["mass_kg = 12000", "load.mass_kg", "g: write 12"],
         ["mass_kg = 150", "load.mass_kg", "found 1471.0 N;"],
         [
             "atmospheric_pressure_pa = 1013.25",
@@ -300,8 +300,8 @@ mod tests {
             "gas",
             "kPa: write 1.01325e5",
         ],
-        ["ambient_temperature_k = 20", "gas", "°C: write 2.9315e2"],
-        ["pulley_diameter_m = 10", "assist.pulley", "cm: write 1e-1"],
+        ["ambient_temperature_k = 20", "gas", "°C: write 293.15"],
+        ["pulley_diameter_m = 10", "assist.pulley", "cm: write 0.1"],
         [
             "flow_gain_kg_per_pa_s = 1.3e-4",
             "valve.flow",
@@ -324,7 +324,7 @@ mod tests {
         }
         let message = told("alpha_m2 = 0.05 ", "alpha_m2 = 5 ").expect("refused");
         let likely = "tolerance.muscle.alpha_m2`: expected a relative standard deviation of at \
-                      most 1, found 5, most likely percent: write 5e-2";
+                      most 1, found 5, most likely percent: write 0.05";
         assert!(message.contains(likely), "{message}");
         assert_eq!(told("mass_kg = 12.0", "mass_kg = 20.0"), None);
     }

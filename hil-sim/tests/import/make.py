@@ -1,5 +1,7 @@
 """Writes the MATLAB files of the tests: with scipy 1 (version 5) and h5py 3 (version 7.3)."""
 
+import zlib
+
 import h5py
 import numpy as np
 import scipy.io
@@ -47,6 +49,15 @@ with h5py.File("back.h5", "w") as file:
     group["own"] = group
 with h5py.File("filled.h5", "w") as file:
     file.create_dataset("t_ms", (1, 1_000_000_000), dtype="f8", chunks=(1, 1000), fillvalue=1.0)
+# A million numbers under sixty names, and a chunk of 8000 bytes that unpacks to 20 MB.
+with h5py.File("links.h5", "w") as file:
+    zeros = np.zeros((1, 1_000_000))
+    zeros = file.create_dataset("t_ms", data=zeros, compression="gzip", compression_opts=9)
+    for number in range(60):
+        file[f"x{number}"] = zeros
+with h5py.File("bomb.h5", "w") as file:
+    chunk = file.create_dataset("t_ms", (1, 1000), dtype="f8", chunks=(1, 1000), compression="gzip")
+    chunk.id.write_direct_chunk((0, 0), zlib.compress(bytes(20_000_000), 9))
 with h5py.File("one_dimension.h5", "w") as file:
     file["log/t"] = np.arange(4.0)
     file["log/force"] = np.arange(4, dtype=np.int16) ** 2

@@ -289,7 +289,8 @@ fn sampling(time_s: &[f64], warnings: &mut Vec<Finding>) -> Sampling {
         rows: time_s.len(),
         length_s: time_s[time_s.len() - 1] - time_s[0],
         period_s,
-        jitter: (squares / even.len().max(1) as f64).sqrt() / period_s.max(f64::MIN_POSITIVE),
+        // Of no steps the sum is -0.
+        jitter: (squares.abs() / even.len().max(1) as f64).sqrt() / period_s.max(f64::MIN_POSITIVE),
         gaps: gaps.len(),
         longest_s: steps_s.iter().copied().fold(0.0, f64::max),
     };

@@ -14,8 +14,8 @@ use crate::plausible::{
     nearest,
 };
 use crate::record::{
-    CONTRACTION, FINGER_M, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, TEMPERATURE_K,
-    TIME_S,
+    CONTRACTION, FINGER_M, FORCE_N, INPUT_FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA,
+    TEMPERATURE_K, TIME_S,
 };
 use crate::rig::{KEYS, Rig};
 use model_core::constants::GRAVITY_M_PER_S2;
@@ -630,7 +630,16 @@ impl<'a> Evidence<'a> {
     fn typical_forces(&self, is_rest_sane: bool) -> Option<(f64, f64)> {
         let law = self.law.as_ref()?;
         if let Some(weight_n) = law.weight_n {
-            return Some((self.range_at(FORCE_N, 0.5)?, weight_n));
+            // A vented muscle may be pushed (Eq 1): it says nothing about the sign.
+            let force = self.record.column(FORCE_N)?.iter().copied();
+            let lifted = self.record.column(CONTRACTION);
+            let carries = |row: &usize| {
+                lifted.is_none_or(|contraction| contraction[*row].abs() > CONTRACTION_USED)
+            };
+            let rows = force.enumerate().filter(|(row, _)| carries(row));
+            let carried = rows.map(|(_, force_n)| force_n);
+            let carried: Vec<f64> = carried.filter(|force_n| !force_n.is_nan()).collect();
+            return (!carried.is_empty()).then(|| (quantile(carried, 0.5), weight_n));
         }
         if !is_rest_sane || !self.moves(FORCE_N) {
             return None;
@@ -655,8 +664,12 @@ impl<'a> Evidence<'a> {
         let names = [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION, FORCE_N];
         let cycles = |name: &&str| self.check.signal(name).is_some_and(|s| s.reversals >= 2);
         let moving = names.iter().find(|name| cycles(name));
+        let by_hand = [FINGER_M, INPUT_FORCE_N];
+        let by_hand = by_hand.into_iter().find(|name| self.moves(name));
         let why = if let Some(name) = moving.filter(|_| period_s >= PERIOD_S_MAX) {
             format!("`{name}` goes up and down")
+        } else if let Some(name) = by_hand.filter(|_| period_s >= PERIOD_S_MAX) {
+            format!("a person moves `{name}`")
         } else {
             let lag_s = self.lag_s()?;
             let is_slow = lag_s > LAG_S_MAX && lag_s > 5.0 * period_s;

@@ -14,6 +14,7 @@ mod times;
 mod variable;
 
 use crate::error::{BadInput, one_of};
+use crate::input::read_text;
 use crate::record::units::{TARGETS, TIME, Unit};
 use crate::record::{Record, TIME_S, in_range};
 use serde::{Deserialize, Serialize};
@@ -72,6 +73,34 @@ impl Default for Layout {
             header: true,
             skip_after_header: 0,
             missing: Vec::new(),
+        }
+    }
+}
+
+impl Layout {
+    /// The layout of a CSV file of which only the `bytes` are known: the delimiter is the one that
+    /// its first line has most of, and a comma between two digits is a decimal one if it is not
+    /// the delimiter and no point is.
+    fn of_text(bytes: &[u8]) -> Layout {
+        let line = bytes.split(|byte| *byte == b'\n').next().unwrap_or(bytes);
+        let count = |delimiter: &char| {
+            line.iter()
+                .filter(|byte| **byte == *delimiter as u8)
+                .count()
+        };
+        // Of equal counts, as none, the last counts.
+        let delimiter = ['\t', ';', ','].into_iter().max_by_key(count);
+        let delimiter = delimiter.unwrap_or(',');
+        let between_digits = |byte: u8| {
+            let is = |three: &[u8]| {
+                three[1] == byte && three[0].is_ascii_digit() && three[2].is_ascii_digit()
+            };
+            bytes.windows(3).any(is)
+        };
+        Layout {
+            delimiter: Spanned::new(0..0, delimiter),
+            decimal_comma: delimiter != ',' && between_digits(b',') && !between_digits(b'.'),
+            ..Layout::default()
         }
     }
 }
@@ -205,10 +234,7 @@ impl Map {
     /// The file cannot be read, or is not a mapping: see [`Map::parse`].
     pub fn read(path: &Path) -> Result<Map, BadInput> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| {
-            BadInput::file(&name, format!("a readable TOML file in UTF-8, {error}"))
-        })?;
-        Map::parse(&name, &text)
+        Map::parse(&name, &read_text(path, "a readable TOML file")?)
     }
 
     /// Reads a mapping from the text of the file `name`.
@@ -234,15 +260,15 @@ impl Map {
     }
 
     /// The mapping of a file that has a record's names, in which some columns are in other units:
-    /// `units` are `COLUMN=UNIT[,scale=S][,offset=O]`. Times that a rounded clock repeats are
-    /// spread.
+    /// `units` are `COLUMN=UNIT[,scale=S][,offset=O]`. Delimiter and decimal commas are found in
+    /// the `bytes`. Times that a rounded clock repeats are spread.
     ///
     /// # Errors
     /// The file cannot be read, has other names, lacks a column of `units`, or one of them has no
     /// such form or unit.
     pub fn of_record(file: &str, bytes: &[u8], units: &[String]) -> Result<Map, BadInput> {
         let bad = |expected: String| BadInput::file("--unit", expected);
-        let layout = Layout::default();
+        let layout = Layout::of_text(bytes);
         let names = Source::open(file, bytes, &layout, &[])?.left_out(&[]);
         let known = [(TIME_S, TIME)].into_iter().chain(TARGETS);
         let known: Vec<_> = known
@@ -293,9 +319,13 @@ impl Map {
             format!("[{section}]\ncolumn = {name:?}\n{lines}")
         });
         let text: String = sections.collect();
-        Map::parse("--unit", &text).map_err(|error| BadInput {
+        let map = Map::parse("--unit", &text).map_err(|error| BadInput {
             line: None,
             ..error
+        });
+        Ok(Map {
+            file: layout,
+            ..map?
         })
     }
 

@@ -270,10 +270,11 @@ impl<'a> Csv<'a> {
         used: &[&Selector],
     ) -> Result<Csv<'a>, BadInput> {
         if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
-            return Err(BadInput::file(
-                name,
-                "text in UTF-8 or Latin-1, found UTF-16",
-            ));
+            let expected = format!(
+                "text in UTF-8 or Latin-1, found UTF-16 (`iconv -f UTF-16 -t UTF-8 {name}` \
+                 converts it)"
+            );
+            return Err(BadInput::file(name, expected));
         }
         let other = OTHER_FORMATS
             .iter()

@@ -2,6 +2,7 @@
 
 use super::source::Source;
 use super::{BadInput, Map, Repeated, Restarted, TIME, TIME_S, TimeMap, in_range, unit_of};
+use crate::error::shown;
 use crate::record::check::quantile;
 use serde::Serialize;
 
@@ -121,6 +122,7 @@ impl Times {
             in_range(TIME_S, time_s).map_err(|why| bad(row, &why))?;
             let last_s = self.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
             let refused = |key: &str| {
+                let [last_s, time_s] = [last_s, time_s].map(shown);
                 let expected =
                     format!("a time after {last_s} s, or `{key}` in the mapping, found {time_s} s");
                 Err(bad(row, &expected))
