@@ -12,7 +12,7 @@ use super::least_squares::{
     Found, Goal, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
 };
 use super::rows::Timeline;
-pub use marginal::LogEvidence;
+pub use marginal::Judgement;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
@@ -58,12 +58,17 @@ impl Parameter {
         }
     }
 
-    /// Whether `value` is where the effect ends.
+    /// Whether `value` is where the effect ends, or the largest that the catalogue knows of a size.
     fn at_end(&self, value: f64) -> bool {
         let x = self.coordinate(value);
         let ends = [self.range.0, self.range.1].map(|end| self.coordinate(end));
         let mut ends = ends.into_iter().zip(self.ends);
-        ends.any(|(end, ends)| ends && (x - end).abs() < AT_END)
+        let is_end = |end: f64| (x - end).abs() < AT_END;
+        let none = self.neutral.map(|none| self.coordinate(none));
+        ends.any(|(end, ends)| {
+            let is_size = none.is_some_and(|none| (none - end).abs() >= AT_END);
+            (ends || is_size) && is_end(end)
+        })
     }
 
     /// The least and the largest coordinate.
@@ -571,7 +576,7 @@ pub struct Engine<'a, M> {
     pub model: &'a M,
     fits: Mutex<HashMap<Key, Option<Fit>>>,
     promised: Mutex<HashMap<(promises::Place, usize), f64>>,
-    judged: Mutex<HashMap<promises::Place, Option<marginal::GroupEvidence>>>,
+    judged: Mutex<HashMap<promises::Place, Option<Vec<Judgement>>>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.

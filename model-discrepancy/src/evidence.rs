@@ -161,14 +161,24 @@ impl Linear {
 
     /// Log evidence with unknowns in these blocks: processes of any amplitude, or, as probably,
     /// nominal values outside their tolerances.
-    pub(crate) fn log_evidence(&self, unknown: Blocks) -> Option<f64> {
-        let (log, _) = self.with_processes(unknown, 0)?;
+    ///
+    /// Also the amplitude of the most probable process of each block, in bases: 0 where a value
+    /// outside its tolerance is more probable.
+    pub(crate) fn log_evidence(&self, unknown: Blocks) -> Option<(f64, Vec<f64>)> {
+        let (log, _, places) = self.with_processes(unknown, 0)?;
+        let amplitudes = places.iter().filter_map(|place| grid().nth(*place));
+        let amplitudes: Vec<f64> = amplitudes.map(|(amplitude, _)| amplitude).collect();
         if unknown == 0 {
-            return Some(log);
+            return Some((log, amplitudes));
         }
         let outside = self.with_processes(0, unknown).map(|own| own.0);
-        let both = [Some(log), outside].into_iter().flatten();
-        Some(log_sum(both) - 2.0_f64.ln())
+        let outside = outside.unwrap_or(f64::NEG_INFINITY);
+        let sum = log_sum([log, outside].into_iter()) - 2.0_f64.ln();
+        Some(if outside > log {
+            (sum, vec![0.0; amplitudes.len()])
+        } else {
+            (sum, amplitudes)
+        })
     }
 
     /// The most probable weights with processes of any amplitude in all blocks.
@@ -177,8 +187,13 @@ impl Linear {
     }
 
     /// Log evidence with processes of any amplitude in these blocks and nominal values outside
-    /// their tolerances in those, and the most probable weights.
-    fn with_processes(&self, unknown: Blocks, outside: Blocks) -> Option<(f64, DVector<f64>)> {
+    /// their tolerances in those, the most probable weights, and the most probable process of each
+    /// block.
+    fn with_processes(
+        &self,
+        unknown: Blocks,
+        outside: Blocks,
+    ) -> Option<(f64, DVector<f64>, Vec<usize>)> {
         let prior = self.prior(outside);
         // Blocks of which nothing is explained yet must not pull weights that they share.
         let mut places = vec![grid().count() - 1; self.blocks.len()];
@@ -216,7 +231,8 @@ impl Linear {
                 break;
             }
         }
-        best
+        let (log, weights) = best?;
+        Some((log, weights, places))
     }
 }
 
@@ -324,7 +340,7 @@ mod tests {
             log_sum(logs.map(|((a, _), log)| log + half_normal(a) - normalization))
         };
         let own = densities(&PRIORS);
-        let found = linear.log_evidence(0).expect("a density");
+        let (found, _) = linear.log_evidence(0).expect("a density");
         assert!((found - named(&own)).abs() < 1e-8, "{found}");
         let count = grid().count() as f64;
         let process = log_sum(own.iter().map(|log| log - count.ln()));
@@ -334,14 +350,14 @@ mod tests {
         };
         let outside = named(&densities(&[outside, PRIORS[1]]));
         let expected = log_sum([process, outside].into_iter()) - 2.0_f64.ln();
-        let found = linear.log_evidence(1).expect("a density");
+        let (found, _) = linear.log_evidence(1).expect("a density");
         assert!((found - expected).abs() < 1e-8, "{found}, {expected}");
     }
 
     /// Residuals of two blocks that share no weight are independent.
     #[test]
     fn blocks_without_common_weights_add_up() {
-        let own = linear(&PRIORS, 0.0).log_evidence(0).expect("a density");
+        let (own, _) = linear(&PRIORS, 0.0).log_evidence(0).expect("a density");
         let (one, other, residual) = (wave(0.3), wave(1.1), wave(0.9));
         let block = |first: usize| {
             let values = DMatrix::from_fn(5, COUNT, |place, row| match place {
@@ -354,7 +370,7 @@ mod tests {
         };
         let priors = [PRIORS[0], PRIORS[0], PRIORS[1], PRIORS[1]];
         let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), vec![1, 2]);
-        let both = both.log_evidence(0).expect("a density");
+        let (both, _) = both.log_evidence(0).expect("a density");
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
     }
 }

@@ -6,7 +6,7 @@
 //! forms. The search only decides what is tried: every set that was judged takes part in the
 //! posterior.
 
-use super::engine::{Engine, Hypothesis, LogEvidence, Model, OtherForm};
+use super::engine::{Engine, Hypothesis, Judgement, Model, OtherForm};
 use super::evidence::Blocks;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -31,6 +31,8 @@ const JUDGED: [usize; MEMBERS + 1] = [1, 12, 12, 8];
 const JUDGED_FORMS: usize = 2;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
+/// Promised gain, beside that of its parameters, for which a second effect is tried.
+const PROMISE: f64 = 10.0;
 /// An effect is worth a fit if it promises this share of what an effect of one base gains in one
 /// of its blocks; promises are linear, and may be too small.
 const SHARE_OF_BASE: f64 = 0.5;
@@ -52,8 +54,8 @@ pub type Watch<'a> = &'a (dyn Fn(Step) + Sync);
 /// A set that was tried.
 pub(crate) struct Tried {
     pub(crate) hypothesis: Hypothesis,
-    /// Its log evidence, once it was judged; none if an effect of it does not show.
-    pub(crate) evidence: Option<Option<LogEvidence>>,
+    /// Its judgements, once it was judged; none if an effect of it does not show.
+    pub(crate) judgements: Option<Option<Vec<Judgement>>>,
 }
 
 pub(crate) struct Search<'a, 'b, M> {
@@ -187,13 +189,13 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
                 Some(known) if new.fit.score() < known.hypothesis.fit.score() => {
                     *known = Tried {
                         hypothesis: new,
-                        evidence: None,
+                        judgements: None,
                     };
                 }
                 Some(_) => {}
                 None => self.tried.push(Tried {
                     hypothesis: new,
-                    evidence: None,
+                    judgements: None,
                 }),
             }
         }
@@ -223,17 +225,17 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             }
             let count = forms.entry(names).or_default();
             *count += 1;
-            if *count <= JUDGED_FORMS && own.evidence.is_none() {
+            if *count <= JUDGED_FORMS && own.judgements.is_none() {
                 chosen.push(place);
             }
         }
         (self.watch)(Step::Stage("evidence", chosen.len()));
-        let evidence: Vec<Option<LogEvidence>> = chosen
+        let judgements: Vec<Option<Vec<Judgement>>> = chosen
             .par_iter()
-            .map(|place| self.engine.log_evidence(&self.tried[*place].hypothesis))
+            .map(|place| self.engine.judgements(&self.tried[*place].hypothesis))
             .collect();
-        for (place, evidence) in chosen.into_iter().zip(evidence) {
-            self.tried[place].evidence = Some(evidence);
+        for (place, judgements) in chosen.into_iter().zip(judgements) {
+            self.tried[place].judgements = Some(judgements);
         }
     }
 
@@ -242,8 +244,8 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
     fn polish(&mut self) {
         let mut order: Vec<(f64, &Hypothesis)> = Vec::new();
         for own in &self.tried {
-            let logs = own.evidence.iter().flatten().flatten();
-            if let Some(log) = logs.map(|(_, log)| *log).reduce(f64::max) {
+            let logs = own.judgements.iter().flatten().flatten();
+            if let Some(log) = logs.map(|own| own.log_evidence).reduce(f64::max) {
                 order.push((log, &own.hypothesis));
             }
         }
@@ -260,18 +262,19 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         }
     }
 
-    /// The sets that were judged, with the log evidence of each set of blocks unknown.
-    pub(crate) fn judged(&self) -> impl Iterator<Item = (&Hypothesis, Blocks, f64)> {
+    /// The sets that were judged, with each set of blocks unknown.
+    pub(crate) fn judged(&self) -> impl Iterator<Item = (&Hypothesis, &Judgement)> {
         self.tried.iter().flat_map(|own| {
-            let evidence = own.evidence.iter().flatten().flatten();
-            evidence.map(|(unknown, log)| (&own.hypothesis, *unknown, *log))
+            let judgements = own.judgements.iter().flatten().flatten();
+            judgements.map(|judgement| (&own.hypothesis, judgement))
         })
     }
 
     /// The most probable set, but for priors, and whether it has an unknown.
     fn best(&self) -> Option<(&Hypothesis, Blocks)> {
-        let best = self.judged().max_by(|a, b| a.2.total_cmp(&b.2))?;
-        Some((best.0, best.1))
+        let judged = self.judged();
+        let best = judged.max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence))?;
+        Some((best.0, best.1.unknown))
     }
 
     /// Whether more effects than `members` need not be tried: fewer are more probable, or nothing
@@ -286,9 +289,19 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         if best.candidates.len() + 1 < members {
             return true;
         }
+        if best.candidates.len() < members {
+            return true;
+        }
         let promises = self.engine.promises(best).unwrap_or_default();
-        let mut pairs = promises.iter().zip(&self.least);
-        best.candidates.len() < members || pairs.all(|(promise, least)| promise < least)
+        let mut promises = promises.iter().enumerate();
+        promises.all(|(candidate, promise)| {
+            // A single effect may stand for two others.
+            let least = match members {
+                1 => PROMISE + self.gain_of_parameters(&[candidate]),
+                _ => self.least[candidate],
+            };
+            *promise < least
+        })
     }
 
     /// Of sets in order of preference, the first `count` that differ in their names.
@@ -308,10 +321,10 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
     /// The sets of `members` that lead with each set of blocks unknown.
     fn leaders(&self, members: usize) -> Vec<Vec<usize>> {
         let mut by_unknown: BTreeMap<Blocks, Vec<(f64, Vec<usize>)>> = BTreeMap::new();
-        for (hypothesis, unknown, log) in self.judged() {
+        for (hypothesis, judgement) in self.judged() {
             if hypothesis.candidates.len() == members {
-                let sets = by_unknown.entry(unknown).or_default();
-                sets.push((log, hypothesis.candidates.clone()));
+                let sets = by_unknown.entry(judgement.unknown).or_default();
+                sets.push((judgement.log_evidence, hypothesis.candidates.clone()));
             }
         }
         let mut leaders: Vec<Vec<usize>> = Vec::new();
@@ -358,7 +371,11 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             let name = self.name(*candidate);
             let mut own = leader.iter().map(|own| self.name(*own));
             let new = !own.any(|own| own == name);
-            new && (promises[*candidate] > self.least[*candidate] || !certain)
+            let least = match leader.len() {
+                1 => PROMISE + self.gain_of_parameters(&[*candidate]),
+                _ => self.least[*candidate],
+            };
+            new && (promises[*candidate] > least || !certain)
         });
         let followers = order.into_iter().map(|candidate| vec![candidate]);
         let followers = self.distinct(followers, FOLLOWERS).into_iter();

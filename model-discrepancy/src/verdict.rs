@@ -5,7 +5,7 @@
 //! probable enough for what a wrong name costs against a missing one; where several are so only
 //! together, they are named as alternatives. What is left then is unknown.
 
-use super::engine::{Engine, Hypothesis, Model};
+use super::engine::{Engine, Hypothesis, Judgement, Model};
 use super::evidence::{Blocks, log_sum};
 use super::search::{MEMBERS, Search};
 pub use super::search::{Step, Watch};
@@ -122,6 +122,8 @@ impl Selection {
 struct Judged<'h> {
     hypothesis: &'h Hypothesis,
     names: Vec<&'static str>,
+    /// Those of effects that stand beside what is unknown.
+    standing: Vec<&'static str>,
     unknown: Blocks,
     log: f64,
 }
@@ -131,7 +133,8 @@ fn judged<'s, M: Model>(search: &'s Search<M>) -> Vec<Judged<'s>> {
     let blocks = search.engine.model.blocks().len();
     let effects: BTreeSet<&str> = all.iter().map(|candidate| candidate.effect).collect();
     let forms = |name: &str| all.iter().filter(|other| other.effect == name).count() as f64;
-    let of = |(hypothesis, unknown, log): (&'s Hypothesis, Blocks, f64)| {
+    let of = |(hypothesis, judgement): (&'s Hypothesis, &Judgement)| {
+        let unknown = judgement.unknown;
         let mut names = search.names(&hypothesis.candidates);
         let members = names.len();
         let sets = (0..members).map(|n| (effects.len() - n) as f64 / (n + 1) as f64);
@@ -144,8 +147,9 @@ fn judged<'s, M: Model>(search: &'s Search<M>) -> Vec<Judged<'s>> {
         Judged {
             hypothesis,
             names,
+            standing: search.names(&judgement.standing),
             unknown,
-            log: log + prior.ln(),
+            log: judgement.log_evidence + prior.ln(),
         }
     };
     search.judged().map(of).collect()
@@ -180,17 +184,15 @@ fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
     sets.map(|set| set.probability).sum()
 }
 
-/// The sets with those effects only that do something in a block without an unknown: beside one,
-/// an effect may be what explains most of it, and not be there.
-fn apart<M: Model>(model: &M, posterior: &[Set]) -> Vec<Set> {
-    let is_apart = |effect: &str, unknown: Blocks| {
-        let mut own = model.candidates().iter().filter(|c| c.effect == effect);
-        own.any(|c| c.blocks.iter().any(|block| unknown & (1 << block) == 0))
-    };
+/// The sets with those effects only that stand beside what is unknown.
+fn standing(posterior: &[Set], judged: &[Judged]) -> Vec<Set> {
     let of = |set: &Set| {
+        let same = |own: &&Judged| own.names == set.effects && own.unknown == set.unknown;
+        let forms = judged.iter().filter(same);
+        let most = forms.max_by(|a, b| a.log.total_cmp(&b.log));
         let mut set = set.clone();
-        let unknown = set.unknown;
-        set.effects.retain(|effect| is_apart(effect, unknown));
+        set.effects
+            .retain(|effect| most.is_some_and(|most| most.standing.contains(effect)));
         set
     };
     posterior.iter().map(of).collect()
@@ -230,7 +232,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let search = Search::run(engine, watch)?;
     let judged = judged(&search);
     let posterior = posterior(&judged);
-    let certain = certain(&apart(engine.model, &posterior), costs.threshold());
+    let certain = certain(&standing(&posterior, &judged), costs.threshold());
     let most = |of: &dyn Fn(&Judged) -> bool| {
         let sets = judged.iter().filter(|own| of(own));
         let most = sets.max_by(|a, b| a.log.total_cmp(&b.log));

@@ -490,8 +490,9 @@ impl Model for MuscleModel {
             Load::Weight(weight) => weight.mass_kg * GRAVITY_M_PER_S2,
             Load::Prescribed => 0.0,
         };
+        let repeatability_n = self.repeatability_n.unwrap_or(0.0);
         let base_n = (BASE_NOISES * record.noise.force_n)
-            .hypot(self.repeatability_n.unwrap_or(0.0))
+            .hypot(repeatability_n)
             .hypot(BASE_N)
             .hypot(BASE_SHARE * weight_n);
         let base_pressure = BASE_NOISES.hypot(BASE_PA / record.noise.pressure_pa);

@@ -13,6 +13,9 @@ use std::ops::Range;
 /// Standard deviation of how far a rig's law may be from its form's, with each quantity beside the
 /// residuals from its least to its largest value, and by acting in part at another scale.
 const LAW: f64 = 0.4;
+/// An effect stands beside what is unknown in the same block if it is so many times as large: then
+/// the unknown is a hundredth of the variance.
+const STANDS: f64 = 10.0;
 /// A box's variance is this share of its squared half width.
 const BOX_VARIANCE: f64 = 1.0 / 3.0;
 /// Dead zones wider than this keep only rows so far apart \[s\]: what friction takes up is the same
@@ -24,11 +27,26 @@ const REST_S: f64 = 0.4;
 /// that time.
 const MERGED_S: f64 = 0.03;
 
-/// Log evidence of a hypothesis for each set of blocks with an unknown.
-pub type LogEvidence = Vec<(Blocks, f64)>;
+/// A hypothesis with unknowns in some blocks.
+#[derive(Clone, Debug)]
+pub struct Judgement {
+    /// The blocks.
+    pub unknown: Blocks,
+    /// Its log evidence.
+    pub log_evidence: f64,
+    /// The candidates that do much more in some block than what is unknown there, and are not where
+    /// they end: the others may be what explains most of that, and not be there.
+    pub standing: Vec<usize>,
+}
 
-/// Log evidence of a group, and the candidates that show in it.
-pub(super) type GroupEvidence = (LogEvidence, Vec<usize>);
+/// What a candidate does in a block that neither nominal values nor the others do, and what a sound
+/// rig and other laws of the others may leave there, in bases.
+struct Shown {
+    candidate: usize,
+    place: usize,
+    size: f64,
+    left: f64,
+}
 
 /// An effect in one block: its size, and how its law may change it.
 struct Law {
@@ -40,26 +58,38 @@ struct Law {
 }
 
 impl<M: Model> Engine<'_, M> {
-    /// Log evidence of `hypothesis`, with an unknown in no block and in each set of blocks; `None`
-    /// if an effect of it does not show or is where it ends, or without a solution.
-    pub fn log_evidence(&self, hypothesis: &Hypothesis) -> Option<LogEvidence> {
-        let all = self.model.candidates();
-        let mut effects = hypothesis.fit.effects.iter();
-        if effects.any(|(own, values)| all[*own].ended(values).next().is_some()) {
-            return None;
-        }
-        let mut all: LogEvidence = vec![(0, -hypothesis.fit.free_run)];
-        let mut shown: Vec<usize> = Vec::new();
+    /// `hypothesis` with an unknown in no block and in each set of blocks; `None`
+    /// if an effect of it does not show, or without a solution.
+    pub fn judgements(&self, hypothesis: &Hypothesis) -> Option<Vec<Judgement>> {
+        let mut all = vec![Judgement {
+            unknown: 0,
+            log_evidence: -hypothesis.fit.free_run,
+            standing: Vec::new(),
+        }];
         for (blocks, candidates) in self.groups(&hypothesis.candidates) {
-            let (own, shows) = self.group_evidence(hypothesis, &blocks, &candidates)?;
-            shown.extend(shows);
-            let sums = all.iter().flat_map(|(unknown, log)| {
-                own.iter()
-                    .map(move |(others, other)| (unknown | others, log + other))
-            });
-            all = sums.collect();
+            let own = self.group_judgements(hypothesis, &blocks, &candidates)?;
+            let both = |one: &Judgement, other: &Judgement| Judgement {
+                unknown: one.unknown | other.unknown,
+                log_evidence: one.log_evidence + other.log_evidence,
+                standing: [&one.standing[..], &other.standing].concat(),
+            };
+            let pairs = all
+                .iter()
+                .flat_map(|one| own.iter().map(move |other| both(one, other)));
+            all = pairs.collect();
         }
-        let every = hypothesis.candidates.iter().all(|own| shown.contains(own));
+        // Without an unknown each has to show.
+        let candidates = &hypothesis.candidates;
+        let shows = |own: &Judgement| candidates.iter().all(|c| own.standing.contains(c));
+        let every = all.iter().any(|own| own.unknown == 0 && shows(own));
+        // What is beyond the end of an effect is another one, which may be in no catalogue.
+        for (own, values) in &hypothesis.fit.effects {
+            if self.model.candidates()[*own].ended(values).next().is_some() {
+                for judgement in &mut all {
+                    judgement.standing.retain(|candidate| candidate != own);
+                }
+            }
+        }
         every.then_some(all)
     }
 
@@ -77,13 +107,13 @@ impl<M: Model> Engine<'_, M> {
         Some(nominal)
     }
 
-    /// The same of the blocks of a group, and the candidates that show in one of them.
-    fn group_evidence(
+    /// The same of the blocks of a group.
+    fn group_judgements(
         &self,
         hypothesis: &Hypothesis,
         blocks: &[usize],
         candidates: &[usize],
-    ) -> Option<GroupEvidence> {
+    ) -> Option<Vec<Judgement>> {
         let key = self.place_of(hypothesis, blocks, candidates);
         if let Some(known) = self.judged.lock().ok()?.get(&key) {
             return known.clone();
@@ -91,22 +121,35 @@ impl<M: Model> Engine<'_, M> {
         let (linear, shown) = self.linear(hypothesis, blocks, candidates)?;
         let unknown = std::iter::once((0, 0));
         let unknown = unknown.chain(blocks.iter().enumerate().map(|(n, b)| (1 << n, 1 << b)));
-        let logs = unknown.map(|(own, all)| Some((all, linear.log_evidence(own)?)));
-        let found = logs
-            .collect::<Option<LogEvidence>>()
-            .map(|logs| (logs, shown));
+        let judgements = unknown.map(|(own, all)| {
+            let (log_evidence, amplitudes) = linear.log_evidence(own)?;
+            let stands = |shown: &&Shown| {
+                let is_unknown = own & (1 << shown.place) != 0;
+                let unknown = if is_unknown {
+                    amplitudes[shown.place]
+                } else {
+                    0.0
+                };
+                shown.size > (STANDS * unknown).max(1.0 + shown.left)
+            };
+            Some(Judgement {
+                unknown: all,
+                log_evidence,
+                standing: shown.iter().filter(stands).map(|s| s.candidate).collect(),
+            })
+        });
+        let found = judgements.collect::<Option<Vec<Judgement>>>();
         self.judged.lock().ok()?.insert(key, found.clone());
         found
     }
 
-    /// The residuals of a group linear about the fit, and the candidates that show in one of its
-    /// blocks.
+    /// The residuals of a group linear about the fit, and what the candidates do in its blocks.
     fn linear(
         &self,
         hypothesis: &Hypothesis,
         blocks: &[usize],
         candidates: &[usize],
-    ) -> Option<(Linear, Vec<usize>)> {
+    ) -> Option<(Linear, Vec<Shown>)> {
         let free = self.free(blocks);
         let x = self.coordinates(hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
@@ -125,7 +168,7 @@ impl<M: Model> Engine<'_, M> {
         priors.extend(shapes.map(|_| prior(0.0, LAW)));
         let mut linear = Vec::new();
         let mut shown = Vec::new();
-        for block in blocks {
+        for (place, block) in blocks.iter().enumerate() {
             let (rows, merged) = self.rows_of(blocks, *block, &found);
             let wholes: Vec<DVector<f64>> = laws
                 .iter()
@@ -143,9 +186,12 @@ impl<M: Model> Engine<'_, M> {
                 let left: f64 = (0..laws.len()).filter(without).map(|n| errors[n]).sum();
                 let others = (0..laws.len()).filter(without).map(|n| &wholes[n]);
                 let others: Vec<&DVector<f64>> = nominal.iter().chain(others).collect();
-                if beyond(&wholes[number], &others) > 1.0 + left {
-                    shown.push(law.candidate);
-                }
+                shown.push(Shown {
+                    candidate: law.candidate,
+                    place,
+                    size: beyond(&wholes[number], &others),
+                    left,
+                });
             }
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));

@@ -8,12 +8,16 @@ use hil_sim::error::BadInput;
 use hil_sim::record::{FORCE_N, PRESSURE_PA, Record};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Engine, Model};
 use model_discrepancy::least_squares::Residuals;
+use model_discrepancy::rows::Timeline;
 use model_discrepancy::verdict::{Costs, select};
 use std::path::Path;
 use std::time::Instant;
 
 /// Relative tolerance of the bore: 0.1 mm of 25 mm.
 const AREA_SIGMA: f64 = 0.01;
+/// By how much the mean force differs between runs of one seal, which was mounted anew between them
+/// \[N\].
+const REMOUNTING_N: f64 = 0.5;
 /// Number of rows before and after a row over which its speed is estimated: 60 ms.
 const SPEED_ROWS: usize = 3;
 /// Speed below which the motion may reverse \[m/s\].
@@ -188,6 +192,14 @@ impl Model for Cylinder {
 
     fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
         Some(0.0)
+    }
+
+    fn timeline(&self, record: usize, _: usize) -> Timeline {
+        let time_s = self.runs[record].time_s.clone();
+        Timeline {
+            base: vec![REMOUNTING_N / self.noise_n; time_s.len()],
+            time_s,
+        }
     }
 
     fn context(&self, record: usize, _: usize) -> Vec<Coordinate> {
