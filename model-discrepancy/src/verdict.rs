@@ -5,7 +5,7 @@
 //! probable enough for what a wrong name costs against a missing one; where several are so only
 //! together, they are named as alternatives. What is left then is unknown.
 
-use super::engine::{Engine, Hypothesis, Judgement, Model};
+use super::engine::{Engine, Hypothesis, Judgement, Model, Part};
 use super::evidence::{Blocks, log_sum};
 use super::search::{MEMBERS, Search};
 pub use super::search::{Step, Watch};
@@ -17,6 +17,8 @@ const SET_PRIOR: [f64; MEMBERS + 1] = [0.3, 0.4, 0.2, 0.1];
 const UNKNOWN_PRIOR: f64 = 0.05;
 /// Effects that are named as alternatives at most.
 const ALTERNATIVES: usize = 3;
+/// Standard deviations of noise beyond which something is more than it.
+const NOISE: f64 = 4.0;
 /// Probability from which something is more probable than not.
 const PROBABLE: f64 = 0.5;
 
@@ -254,7 +256,8 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let more = probability(&posterior, |set| {
         set.unknown != 0 || !set.effects.iter().all(is_certain)
     });
-    let verdict = match (named.candidates.is_empty(), more >= PROBABLE) {
+    let is_more = more >= PROBABLE || !predicts(&null, &named);
+    let verdict = match (named.candidates.is_empty(), is_more) {
         (true, false) => Verdict::Consistent,
         (true, true) => Verdict::Unexplained,
         (false, false) => Verdict::Explained,
@@ -267,7 +270,14 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     };
     let (probabilities, alternatives) = named.candidates.iter().map(of_named).unzip();
     let left = match verdict {
-        Verdict::Unexplained | Verdict::Partial => left(engine.model, &posterior, &names),
+        Verdict::Unexplained | Verdict::Partial => {
+            let left = left(engine.model, &posterior, &names);
+            if left.is_empty() {
+                most_missed(&named)
+            } else {
+                left
+            }
+        }
         Verdict::Consistent | Verdict::Explained => Vec::new(),
     };
     Some(Selection {
@@ -280,6 +290,35 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         posterior,
         tried: search.tried.into_iter().map(|own| own.hypothesis).collect(),
     })
+}
+
+/// By how much the records that were not fitted are missed beyond their noise, and the standard
+/// deviation of that if there is nothing but noise (of half a chi-squared).
+fn excess(fitted: &Hypothesis) -> (f64, f64) {
+    let predicted = fitted.fit.parts.iter().map(|part| part.predicted);
+    predicted.fold((0.0, 0.0_f64), |(sum, deviation), tally| {
+        let count = tally.count as f64;
+        (
+            sum + (tally.outside - 0.5 * count).max(0.0),
+            deviation.hypot((0.5 * count).sqrt()),
+        )
+    })
+}
+
+/// The block in which the records that were not fitted are missed most.
+fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
+    let missed = |part: &&Part| part.predicted.outside - 0.5 * part.predicted.count as f64;
+    let parts = fitted.fit.parts.iter();
+    let most = parts.max_by(|a, b| missed(a).total_cmp(&missed(b)));
+    most.map(|part| part.block).into_iter().collect()
+}
+
+/// Whether what is named predicts the records that were not fitted: it removes half of what is
+/// missed there without it, if that is more than noise. Laws that explain all records, but with
+/// other values in each, do not.
+fn predicts(null: &Hypothesis, named: &Hypothesis) -> bool {
+    let ((before, deviation), (after, _)) = (excess(null), excess(named));
+    named.candidates.is_empty() || before < NOISE * deviation || after < 0.5 * before
 }
 
 /// Blocks in which probably something is left beside what is named.
