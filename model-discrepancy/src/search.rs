@@ -52,17 +52,17 @@ pub enum Step {
 pub type Watch<'a> = &'a (dyn Fn(Step) + Sync);
 
 /// A set that was tried.
-pub(crate) struct Tried {
-    pub(crate) hypothesis: Hypothesis,
+struct Tried {
+    hypothesis: Hypothesis,
     /// Its judgements, once it was judged; none if an effect of it does not show.
-    pub(crate) judgements: Option<Option<Vec<Judgement>>>,
+    judgements: Option<Option<Vec<Judgement>>>,
 }
 
 pub(crate) struct Search<'a, 'b, M> {
     pub(crate) engine: &'b Engine<'a, M>,
     watch: Watch<'b>,
     /// All that was tried, the lowest cost first.
-    pub(crate) tried: Vec<Tried>,
+    tried: Vec<Tried>,
     /// Promise from which each candidate is worth a fit.
     least: Vec<f64>,
 }

@@ -104,8 +104,6 @@ pub struct Selection {
     pub left: Vec<usize>,
     /// All sets, the most probable first; the probabilities sum to 1.
     pub posterior: Vec<Set>,
-    /// All that was tried, the lowest cost first.
-    pub tried: Vec<Hypothesis>,
 }
 
 impl Selection {
@@ -288,7 +286,6 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         null,
         named,
         posterior,
-        tried: search.tried.into_iter().map(|own| own.hypothesis).collect(),
     })
 }
 

@@ -58,8 +58,8 @@ struct Law {
 }
 
 impl<M: Model> Engine<'_, M> {
-    /// `hypothesis` with an unknown in no block and in each set of blocks; `None`
-    /// if an effect of it does not show, or without a solution.
+    /// `hypothesis` with an unknown in no block and in each set of blocks; `None` if an effect of
+    /// it does not show, or without a solution.
     pub fn judgements(&self, hypothesis: &Hypothesis) -> Option<Vec<Judgement>> {
         let mut all = vec![Judgement {
             unknown: 0,
@@ -107,7 +107,7 @@ impl<M: Model> Engine<'_, M> {
         Some(nominal)
     }
 
-    /// The same of the blocks of a group.
+    /// Judgements of the blocks of a group alone.
     fn group_judgements(
         &self,
         hypothesis: &Hypothesis,

@@ -165,7 +165,7 @@ fn malformed_lines_are_refused_with_line_and_key() {
             "turn = 0.09",
             "turn = 3",
             4,
-            "key `effect.turn`: expected a number from 2e-2 to 2e-1",
+            "key `effect.turn`: expected a number from 0.02 to 0.2",
         ),
         (
             "turn = 0.09",
