@@ -181,7 +181,8 @@ fn posterior(judged: &[Judged]) -> Vec<Set> {
 /// Sum of the probabilities of sets.
 fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
     let sets = posterior.iter().filter(|set| of(set));
-    sets.map(|set| set.probability).sum()
+    // Rounding must not make it more than 1.
+    sets.map(|set| set.probability).sum::<f64>().min(1.0)
 }
 
 /// The sets with those effects only that stand beside what is unknown.
