@@ -256,12 +256,6 @@ impl Fit {
         self.prior + parts.sum::<f64>()
     }
 
-    /// Cost of what was fitted, priors included.
-    pub fn fitted_score(&self) -> f64 {
-        let parts = self.parts.iter().map(|part| part.fitted.cost);
-        self.prior + parts.sum::<f64>()
-    }
-
     /// Cost of what was fitted, predicted and run freely, priors included.
     pub fn score(&self) -> f64 {
         let parts = self.parts.iter().map(|part| part.total().cost);

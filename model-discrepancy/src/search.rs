@@ -286,9 +286,6 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         if unknown != 0 {
             return false;
         }
-        if best.candidates.len() + 1 < members {
-            return true;
-        }
         if best.candidates.len() < members {
             return true;
         }
