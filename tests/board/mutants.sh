@@ -41,11 +41,13 @@ fresh_copy() {
 build() { (cd "$work/tree" && CARGO_TARGET_DIR=$mutants_dir cargo firmware "$@") >"$work/log" 2>&1; }
 
 # Builds the tests on the emulated board with the toolchain of the host, and prints their program. Not
-# from the copy, for which all that they need would be built again.
+# from the copy, for which all that they need would be built again. cargo names the program relative to
+# the folder it runs in, where it lies below that.
 build_tests() {
-    (cd tests/board && CARGO_TARGET_DIR=$tests_dir env -u RUSTUP_TOOLCHAIN \
-        cargo test --release --no-run --test firmware) 2>&1 | tee "$work/log" |
-        sed -n 's/^ *Executable .*(\(.*\))$/\1/p'
+    cd tests/board
+    CARGO_TARGET_DIR=$tests_dir env -u RUSTUP_TOOLCHAIN \
+        cargo test --release --no-run --test firmware 2>&1 | tee "$work/log" |
+        sed -n 's/^ *Executable .*(\(.*\))$/\1/p' | xargs -r realpath
 }
 
 # The tests on the emulated board whose name contains $1. A mutant may hang one.
@@ -106,7 +108,7 @@ mutant() {
     survivors=$((survivors + 1))
 }
 
-tests=$(build_tests)
+tests=$(build_tests) # in a subshell, so that its folder is left again
 fresh_copy
 if [ ! -x "$tests" ] || ! build || ! passes_on_board; then
     echo 'the unchanged firmware fails its tests: no mutant was tried'
