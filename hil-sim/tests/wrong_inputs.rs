@@ -208,7 +208,7 @@ const RIGS: [Wrong; 12] = [
     ),
 ];
 
-const ARGUMENTS: [Wrong; 14] = [
+const ARGUMENTS: [Wrong; 17] = [
     (
         || {
             TABLE
@@ -289,6 +289,24 @@ const ARGUMENTS: [Wrong; 14] = [
         Vec::new,
         "run --seed -1",
         "invalid value '-1' for '--seed <SEED>': expected a whole number of at least 0",
+    ),
+    (
+        || br#"{ "name": "pump", "values": [1, 2] }"#.into(),
+        "compare wrong wrong",
+        "wrong:1: expected a diagnosis (what `hil-sim diagnose --out` wrote), missing field \
+         `schema` at line 1 column 36",
+    ),
+    (
+        || br#""explained""#.into(),
+        "compare wrong wrong",
+        "wrong:1: expected a diagnosis (what `hil-sim diagnose --out` wrote), invalid type: string \
+         \"explained\", expected an object with schema, verdict, effects and gap at line 1 column 11",
+    ),
+    (
+        Vec::new,
+        "compare /dev/zero wrong",
+        "/dev/zero: expected a diagnosis (what `hil-sim diagnose --out` wrote) of at most 10 MB, \
+         found more",
     ),
     (
         Vec::new,

@@ -3,6 +3,7 @@
 use super::gap::{SIGNALS, significant};
 use super::report::quantity;
 use crate::error::BadInput;
+use crate::input::read_text;
 use crate::report::{Report, Section, Table};
 use crate::rig::{Provenance, Rig};
 use serde::{Deserialize, Serialize};
@@ -19,6 +20,7 @@ const NAMES: [&str; 2] = ["A", "B"];
 
 /// A parameter as a diagnosis estimates it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(expecting = "an object with value, ci95 and unit")]
 pub struct Estimate {
     /// Its value, in `unit`.
     pub value: f64,
@@ -42,6 +44,7 @@ impl Estimate {
 
 /// A named effect.
 #[derive(Clone, Debug, Deserialize)]
+#[serde(expecting = "an object with name and parameters")]
 struct Named {
     name: String,
     #[serde(default)]
@@ -52,6 +55,7 @@ struct Named {
 
 /// A signal's gap on the validation records, root mean square, in the column's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(expecting = "an object with before, after and noise")]
 pub struct GapOf {
     /// With the nominal rig.
     pub before: f64,
@@ -63,6 +67,7 @@ pub struct GapOf {
 
 /// What is read of a `diagnosis.json`.
 #[derive(Clone, Debug, Deserialize)]
+#[serde(expecting = "an object with schema, verdict, effects and gap")]
 struct Written {
     schema: u32,
     verdict: String,
@@ -91,9 +96,8 @@ impl Diagnosed {
             path.to_path_buf()
         };
         let name = file.display().to_string();
-        let expected = "a diagnosis, or the folder that `hil-sim diagnose --out` wrote";
-        let text = std::fs::read_to_string(&file)
-            .map_err(|error| BadInput::file(&name, format!("{expected}, {error}")))?;
+        let expected = "a diagnosis (what `hil-sim diagnose --out` wrote)";
+        let text = read_text(&file, expected)?;
         let written: Written = serde_json::from_str(&text).map_err(|error| BadInput {
             line: Some(error.line()).filter(|line| *line > 0),
             ..BadInput::file(&name, format!("{expected}, {error}"))
