@@ -219,23 +219,6 @@ fn bounds_are_wider_if_only_energy_limits_the_motion() {
 }
 
 #[test]
-fn a_damaged_memory_is_a_fault_and_commands_no_pressure_if_no_two_copies_agree() {
-    let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
-    let mut controller = Controller::new(settings);
-    controller.memory_mut().state.copies_mut()[0].pressure_ref_pa = 1e5;
-    assert_eq!(
-        controller.tick(&Sensors::default()).fault,
-        Some(Fault::Memory)
-    );
-    let mut controller = Controller::new(settings);
-    for (copy, pressure_ref_pa) in [1e5, 2e5, 3e5].into_iter().enumerate() {
-        controller.memory_mut().state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
-    }
-    let output = controller.tick(&Sensors::default());
-    assert_eq!((output.mode, output.valve.get()), (Mode::Venting, 0));
-}
-
-#[test]
 fn a_reference_beyond_its_limit_is_not_passed_on() {
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut controller = Controller::new(settings);

@@ -7,7 +7,7 @@ use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
-use crate::state::State;
+use crate::state::{State, limited_pa};
 use crate::supervisor::{Fault, Findings, Mode};
 use core::ops::RangeInclusive;
 
@@ -58,14 +58,26 @@ pub fn analyse(
     sensors: &Sensors,
 ) -> (State, Findings) {
     let (mut next, statuses) = read(values, limits, state, sensors);
-    take_experiment_request(&mut next, &statuses, sensors.request);
+    take_experiment_request(&mut next, &statuses, sensors);
     let unready = match state.mode {
         Mode::SelfCheck => check_window(values, &mut next, &statuses, sensors),
         _ => check_rest(values, &mut next),
     };
     check_consistency(values, &mut next, sensors);
+    next.missed
+        .add_ticks(sensors.missed_ticks.into(), missed_limit(values));
     let findings = findings(values, &next, &statuses, unready, sensors);
     (next, findings)
+}
+
+/// Ticks that may be missed: as many as in a row, and as readings may be suspect.
+fn missed_limit(values: &SettingsValues) -> u8 {
+    values.missed_ticks_max.saturating_add(values.suspect_ticks)
+}
+
+/// Ticks since the last one.
+fn ticks(sensors: &Sensors) -> u16 {
+    u16::from(sensors.missed_ticks).saturating_add(1)
 }
 
 /// Status of the bridge, the pressure sensor and the encoder.
@@ -80,7 +92,7 @@ fn read(
 ) -> (State, Statuses) {
     let mut next = *state;
     // Missed ticks widen the bounds of plausible readings, not those of the command.
-    let ticks = 1.0 + sensors.missed_ticks as f32;
+    let ticks = f32::from(ticks(sensors));
     let bounds = |count: AdcCount, step_max: f32| Bounds {
         out_of_range: !limits.adc_valid.contains(&count.0),
         at_standstill: false,
@@ -122,6 +134,10 @@ fn read(
         next.moved_to = sensors.encoder;
         next.moved_at_pa = pressure.value();
     }
+    // Without a memory of what was commanded, the ramp down begins at what the muscle has.
+    if state.mode == Mode::Venting && !state.pressure.has_begun() {
+        next.pressure_ref_pa = limited_pa(values, pressure.value());
+    }
     next.bridge = bridge;
     next.pressure = pressure;
     next.encoder = encoder;
@@ -147,9 +163,10 @@ fn stands_still(
 }
 
 /// Takes over an experiment's request. On a suspect reading the pressure may only fall.
-fn take_experiment_request(next: &mut State, statuses: &Statuses, request: Request) {
-    next.silent_ticks = next.silent_ticks.saturating_add(1);
-    if let Request::Play(pressure_pa) = request {
+fn take_experiment_request(next: &mut State, statuses: &Statuses, sensors: &Sensors) {
+    let passed = next.silent_ticks.saturating_add(sensors.missed_ticks);
+    next.silent_ticks = passed.saturating_add(1);
+    if let Request::Play(pressure_pa) = sensors.request {
         next.played_pa = pressure_pa as f32;
         next.silent_ticks = 0;
     }
@@ -199,15 +216,15 @@ fn check_rest(values: &SettingsValues, next: &mut State) -> Option<Fault> {
 
 /// Compares the readings with each other and with the reference.
 fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensors) {
-    let (pressure_pa, missed) = (next.pressure.value(), sensors.missed_ticks > 0);
+    let (pressure_pa, ticks) = (next.pressure.value(), ticks(sensors));
     if next.mode == Mode::SelfCheck {
         (next.follower, next.balance) = Default::default();
         return;
     }
     let reference_pa = next.pressure_ref_pa;
-    next.follower = next.follower.next(values, reference_pa, pressure_pa);
+    next.follower = next.follower.next(values, reference_pa, pressure_pa, ticks);
     let contraction = contraction(values, next);
-    next.balance = next.balance.next(values, contraction, pressure_pa, missed);
+    next.balance = next.balance.next(values, contraction, pressure_pa, ticks);
 }
 
 /// ε \[-\], from home.
@@ -248,7 +265,8 @@ fn findings(
         memory_damaged: false,
         over_pressure: pressure_pa > values.pressure_trip_pa,
         over_contraction: contraction > values.contraction_trip,
-        ticks_missed: sensors.missed_ticks > values.missed_ticks_max,
+        ticks_missed: sensors.missed_ticks > values.missed_ticks_max
+            || next.missed.is_full(missed_limit(values)),
         uncommanded: next.uncommanded.is_full(values.suspect_ticks),
         pressure_astray: next.follower.has_failed(values),
         too_fast: next.balance.is_too_fast(),

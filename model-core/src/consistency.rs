@@ -22,19 +22,22 @@ pub struct PressureFollower {
 }
 
 impl PressureFollower {
-    /// One tick later, in which the reference was `reference_pa` and `pressure_pa` was read.
+    /// So many ticks later, in which the reference was `reference_pa` and `pressure_pa` was read at
+    /// the end.
     pub fn next(
         mut self,
         values: &SettingsValues,
         reference_pa: f32,
         pressure_pa: f32,
+        ticks: u16,
     ) -> PressureFollower {
-        let share = (TICK_S / values.pressure_lag_s).at_most(1.0);
+        let share = (f32::from(ticks) * TICK_S / values.pressure_lag_s).at_most(1.0);
         self.slow_pa += share * (reference_pa - self.slow_pa);
         let low_pa = self.slow_pa.at_most(reference_pa) - values.pressure_error_pa_max;
         let high_pa = self.slow_pa.at_least(reference_pa) + values.pressure_error_pa_max;
         let within = pressure_pa >= low_pa && pressure_pa <= high_pa;
-        self.outside.add(!within, values.suspect_ticks);
+        let outside_ticks = if within { 0 } else { ticks };
+        self.outside.add_ticks(outside_ticks, values.suspect_ticks);
         self
     }
 
@@ -54,68 +57,79 @@ impl PressureFollower {
     }
 }
 
-/// Eq 5 as a test: the residual of M L ε̈ = F(P, ε) − M g, averaged over a tenth of a second.
+/// Eq 5 as a test: the residual of M L ε̈ = F(P, ε) − M g, averaged over a tenth of a second. And
+/// the speed of the weight.
 ///
-/// The tolerance includes friction and damping.
+/// Both are taken over the ticks that have passed, of which some may have been missed. The tolerance
+/// of the residual includes friction and damping.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceBalance {
-    /// Contraction and force \[N\] of the last tick; contraction of the one before.
-    last: Option<(f32, f32)>,
-    before: Option<f32>,
+    /// What was read last.
+    last: Option<Read>,
+    /// What was read before that.
+    before: Option<Read>,
     /// The mean residual \[N\].
     error_n: f32,
     /// Ticks with the residual outside its tolerance.
     outside: BadTickCount,
     /// Ticks in a row in which the weight was too fast.
-    fast_ticks: u8,
+    fast_ticks: u16,
+}
+
+/// What a tick has read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Read {
+    contraction: f32,
+    force_n: f32,
+    /// Ticks since the reading before it.
+    ticks: u16,
 }
 
 impl ForceBalance {
-    /// One tick later; `missed` if ticks are missing in between.
+    /// So many ticks later.
     pub fn next(
         mut self,
         values: &SettingsValues,
         contraction: f32,
         pressure_pa: f32,
-        missed: bool,
+        ticks: u16,
     ) -> ForceBalance {
         let muscle = &values.muscle;
         // The muscle pulls on a rope, which cannot push.
         let force_n = muscle
             .force_n(contraction, GaugePa(pressure_pa))
             .at_least(0.0);
-        if let (Some(before), Some((last, last_n)), false) = (self.before, self.last, missed) {
-            let change_per_tick2 = contraction - 2.0 * last + before;
-            let acceleration_m_per_s2 =
-                muscle.initial_length_m * change_per_tick2 / (TICK_S * TICK_S);
-            let weight_n = values.load_kg * (GRAVITY_M_PER_S2 as f32 + acceleration_m_per_s2);
-            let residual_n = last_n - weight_n;
-            // On its stop the weight is carried by the stop as far as the muscle does not.
-            let residual_n = if last < STOP_CONTRACTION {
-                residual_n.at_least(0.0)
-            } else {
-                residual_n
-            };
-            self.error_n += (TICK_S / FORCE_BALANCE_MEAN_S) * (residual_n - self.error_n);
+        let now = Read {
+            contraction,
+            force_n,
+            ticks,
+        };
+        let passed_s = f32::from(ticks) * TICK_S;
+        if let (Some(before), Some(last)) = (self.before, self.last) {
+            let residual_n = residual_n(values, &before, &last, &now);
+            let share = (passed_s / FORCE_BALANCE_MEAN_S).at_most(1.0);
+            self.error_n += share * (residual_n - self.error_n);
         }
         let within = libm::fabsf(self.error_n) <= values.force_error_n_max;
-        self.outside.add(!within, values.suspect_ticks);
-        let two_ticks_m = self.before.map_or(0.0, |before| {
-            muscle.initial_length_m * (contraction - before)
+        let outside_ticks = if within { 0 } else { ticks };
+        self.outside.add_ticks(outside_ticks, values.suspect_ticks);
+        // Over two ticks at least, in which counts of the encoder are no speed yet.
+        let (since, since_s) = match (self.before, self.last) {
+            (Some(before), Some(last)) if ticks < 2 => {
+                (Some(before), passed_s + f32::from(last.ticks) * TICK_S)
+            }
+            (_, last) => (last.filter(|_| ticks >= 2), passed_s),
+        };
+        let moved_m = since.map_or(0.0, |since| {
+            muscle.initial_length_m * (contraction - since.contraction)
         });
-        let fast_m = OVER_SPEED * values.reference_speed_m_per_s_max * 2.0 * TICK_S;
-        let fast = !missed && libm::fabsf(two_ticks_m) > fast_m;
-        self.fast_ticks = if fast {
-            self.fast_ticks.saturating_add(1)
+        let fast_m = OVER_SPEED * values.reference_speed_m_per_s_max * since_s;
+        self.fast_ticks = if libm::fabsf(moved_m) > fast_m {
+            self.fast_ticks.saturating_add(ticks)
         } else {
             0
         };
-        self.before = if missed {
-            None
-        } else {
-            self.last.map(|(last, _)| last)
-        };
-        self.last = Some((contraction, force_n));
+        (self.before, self.last) = (self.last, Some(now));
         self
     }
 
@@ -128,5 +142,23 @@ impl ForceBalance {
     /// True if the residual was outside its tolerance for too long.
     pub fn has_failed(&self, values: &SettingsValues) -> bool {
         self.outside.is_full(values.suspect_ticks)
+    }
+}
+
+/// Residual of Eq 5 \[N\] at `last`, by the three readings about it. The difference quotients are
+/// exact for a parabola, however many ticks lie between the readings.
+fn residual_n(values: &SettingsValues, before: &Read, last: &Read, now: &Read) -> f32 {
+    let [first_s, second_s] = [last.ticks, now.ticks].map(|ticks| f32::from(ticks) * TICK_S);
+    let rate_before_per_s = (last.contraction - before.contraction) / first_s;
+    let rate_after_per_s = (now.contraction - last.contraction) / second_s;
+    let change_per_s2 = (rate_after_per_s - rate_before_per_s) / (0.5 * (first_s + second_s));
+    let acceleration_m_per_s2 = values.muscle.initial_length_m * change_per_s2;
+    let weight_n = values.load_kg * (GRAVITY_M_PER_S2 as f32 + acceleration_m_per_s2);
+    let residual_n = last.force_n - weight_n;
+    // On its stop the weight is carried by the stop as far as the muscle does not.
+    if last.contraction < STOP_CONTRACTION {
+        residual_n.at_least(0.0)
+    } else {
+        residual_n
     }
 }

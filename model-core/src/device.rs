@@ -10,6 +10,7 @@ use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
 use crate::start::StartFault;
+use crate::state::State;
 use crate::stop::StopContacts;
 use crate::supervisor::{Fault, Mode};
 use crate::timing::Timing;
@@ -139,7 +140,7 @@ impl<C: Control> Device<C> {
         let pressed = self.button.request(pins.button_pressed, self.output.mode);
         let stop = self.stop.request(pins.stop_open);
         let mut request = if stop == Request::None { pressed } else { stop };
-        let mut hil = *self.hil.get();
+        let mut hil = self.hil.recall().flatten();
         let mut simulated = None;
         for command in commands {
             match command {
@@ -161,7 +162,8 @@ impl<C: Control> Device<C> {
             (Some(_), None) => (Source::Silence, Sensors::default()),
             (None, _) => (Source::Pins, from_pins(pins, timing, request)),
         };
-        let start = *self.start.get();
+        // Of what nothing is known no assistance begins.
+        let start = self.start.recall().unwrap_or(Some(StartFault::Ram));
         // A copy that has flipped is outvoted only while the two others are intact.
         self.start.set(start);
         match start.filter(|fault| fault.prevents_assistance()) {
@@ -205,9 +207,11 @@ impl<C: Control> Device<C> {
 
     /// True unless the reference pressure is zero and stays there until a request.
     pub fn is_armed(&self) -> bool {
-        let state = self.controller.memory().state.get();
-        let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
-        moves || state.pressure_ref_pa > 0.0
+        let moving = |state: State| {
+            let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
+            moves || state.pressure_ref_pa > 0.0
+        };
+        self.controller.memory().state.recall().is_none_or(moving)
     }
 
     fn opens_port(&self) -> bool {
@@ -257,7 +261,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
 }
 
 /// State of hardware in the loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,

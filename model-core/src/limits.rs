@@ -38,7 +38,7 @@ supervisor_limits! {
     OVER_SPEED: f32 = 1.5, "1",
         "Speed that is a fault, over the reference's: the weight is stopped before it moves twice \
          as fast, as a weight on a spring does whose rest position begins to move.";
-    OVER_SPEED_TICKS: u8 = 2, "tick",
+    OVER_SPEED_TICKS: u16 = 2, "tick",
         "Ticks in a row of that speed: a jump of the encoder stays in two differences.";
 
     // Time limits.

@@ -33,8 +33,14 @@ pub struct BadTickCount(u16);
 impl BadTickCount {
     /// Counts one more tick.
     pub fn add(&mut self, bad: bool, limit: u8) {
-        self.0 = if bad {
-            self.0.saturating_add(RECOVERY_TICKS).min(full(limit))
+        self.add_ticks(u16::from(bad), limit);
+    }
+
+    /// Counts one more tick, which stands for so many bad ones; for a good one if for none.
+    pub fn add_ticks(&mut self, bad_ticks: u16, limit: u8) {
+        self.0 = if bad_ticks > 0 {
+            let more = bad_ticks.saturating_mul(RECOVERY_TICKS);
+            self.0.saturating_add(more).min(full(limit))
         } else {
             self.0.saturating_sub(1)
         };
@@ -112,6 +118,11 @@ impl Bounds {
 }
 
 impl SensorMonitor {
+    /// Whether there was a reading.
+    pub fn has_begun(&self) -> bool {
+        self.begun
+    }
+
     /// The last good value.
     pub fn value(&self) -> f32 {
         self.value

@@ -45,6 +45,8 @@ pub struct State {
     pub played_pa: f32,
     /// See `played_pa`.
     pub silent_ticks: u8,
+    /// Ticks that were missed.
+    pub missed: BadTickCount,
     /// Ticks in which the muscle had pressure, or had lifted, without a request.
     pub uncommanded: BadTickCount,
     /// Monitor of the strain-gauge bridge \[N\].
@@ -126,7 +128,7 @@ pub(crate) fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
     }
 }
 
-/// Settings and state, each in three copies: a flipped bit is outvoted and detected.
+/// Settings and state, each in three copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memory {
     /// Values of settings that were valid when they were stored here.
@@ -155,21 +157,21 @@ impl Memory {
         }
     }
 
-    /// Settings and state by majority. Without a majority nothing is known and the state is that
-    /// of a controller that vents.
+    /// Settings and state, as the copies tell. Where they do not, nothing is known and the state is
+    /// that of a controller that vents, from the pressure that the muscle has; with the first
+    /// settings that are valid.
     pub fn recall(&self) -> Recalled {
-        let has_majority = self.settings.has_majority() && self.state.has_majority();
-        let state = if has_majority {
-            *self.state.get()
-        } else {
-            State {
-                mode: Mode::Venting,
-                ..State::default()
-            }
+        let (settings, state) = (self.settings.recall(), self.state.recall());
+        let is_known = settings.is_some();
+        let is_valid = |values: &&SettingsValues| Settings::new(**values).is_ok();
+        let valid = || self.settings.copies().iter().find(is_valid).copied();
+        let venting = State {
+            mode: Mode::Venting,
+            ..State::default()
         };
         Recalled {
-            values: *self.settings.get(),
-            state,
+            values: settings.or_else(valid).unwrap_or(*self.settings.get()),
+            state: state.filter(|_| is_known).unwrap_or(venting),
             damaged: !(self.settings.is_intact() && self.state.is_intact()),
         }
     }
@@ -182,7 +184,7 @@ impl Memory {
 
     /// Returns to the state at power-on, with the same settings.
     pub fn restart(&mut self) {
-        self.store(*self.settings.get(), State::default());
+        self.store(self.recall().values, State::default());
     }
 }
 
@@ -220,21 +222,42 @@ mod tests {
         }
     }
 
+    /// The same bit in two copies: the third is right.
     #[test]
-    fn memory_without_a_majority_is_that_of_a_controller_that_vents() {
+    fn two_flipped_copies_are_told_by_the_checksum() {
+        let intact = assisting();
+        for right in 0..3 {
+            let mut memory = intact;
+            for copy in (0..3).filter(|copy| *copy != right) {
+                memory.state.copies_mut()[copy].pressure_ref_pa = 4e5;
+                memory.settings.copies_mut()[copy].gain = 1e3;
+            }
+            let recalled = memory.recall();
+            assert_eq!(recalled.state, *intact.state.get());
+            assert_eq!(recalled.values, *intact.settings.get());
+            assert!(recalled.damaged);
+        }
+    }
+
+    #[test]
+    fn memory_of_which_nothing_is_known_is_that_of_a_controller_that_vents() {
         let venting = State {
             mode: Mode::Venting,
             ..State::default()
         };
         let mut memory = assisting();
-        memory.state.copies_mut()[0].pressure_ref_pa = 1e5;
-        memory.state.copies_mut()[1].pressure_ref_pa = 3e5;
+        for (copy, pressure_ref_pa) in [1e5, 3e5, 4e5].into_iter().enumerate() {
+            memory.state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
+        }
         let recalled = memory.recall();
         assert_eq!((recalled.state, recalled.damaged), (venting, true));
         let mut memory = assisting();
-        memory.settings.copies_mut()[0].gain = 1.0;
-        memory.settings.copies_mut()[1].gain = 2.0;
+        for (copy, gain) in [1e9, 2.0, 3.0].into_iter().enumerate() {
+            memory.settings.copies_mut()[copy].gain = gain;
+        }
         let recalled = memory.recall();
         assert_eq!((recalled.state, recalled.damaged), (venting, true));
+        // The first is not valid.
+        assert_eq!(recalled.values.gain, 2.0);
     }
 }

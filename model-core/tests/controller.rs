@@ -2,7 +2,7 @@
 
 use model_core::compensation::Compensation;
 use model_core::consistency::ForceBalance;
-use model_core::controller::Controller;
+use model_core::controller::{Control as _, Controller};
 use model_core::device::{Command, Device, Pins};
 use model_core::error::SettingsError;
 use model_core::io::{Output, Request, Sensors};
@@ -803,7 +803,7 @@ fn balance_of_a_swing(missing: fn(u32) -> bool) -> bool {
         ..SettingsValues::reference()
     };
     let mut balance = ForceBalance::default();
-    let (mut missed, mut has_failed) = (false, false);
+    let (mut ticks, mut has_failed) = (0, false);
     // sin and cos step by step: no_std has none. A tick turns by 2π · 4 Hz · 10 ms.
     let (turn_sin, turn_cos) = (0.248_689_89_f64, 0.968_583_16_f64);
     let (mut sin, mut cos) = (0.0, 1.0);
@@ -818,13 +818,13 @@ fn balance_of_a_swing(missing: fn(u32) -> bool) -> bool {
         let force_n = 300.0 * (9.80665 + acceleration_m_per_s2);
         let shortened = 1.0 - contraction;
         let pressure_pa = (force_n + 183.0) / (3.7718e-3 * shortened * shortened - 1.39e-3);
+        ticks += 1;
         if missing(tick) {
-            missed = true;
             continue;
         }
-        balance = balance.next(&values, contraction as f32, pressure_pa as f32, missed);
+        balance = balance.next(&values, contraction as f32, pressure_pa as f32, ticks);
         has_failed |= balance.has_failed(&values);
-        missed = false;
+        ticks = 0;
     }
     has_failed
 }
@@ -837,6 +837,51 @@ fn a_weight_that_swings_is_in_balance_with_its_acceleration() {
 #[test]
 fn ticks_that_are_missed_do_not_look_like_an_acceleration() {
     assert!(!balance_of_a_swing(|tick| tick % 5 == 0));
+    assert!(!balance_of_a_swing(|tick| tick % 2 == 0));
+}
+
+/// The first fault of a bench whose weight moves by `step` in a tick, and how many ticks have passed
+/// until then; of `of` ticks one is missed. The pressure is that of the weight in balance.
+fn fault_with_missed_ticks(step: f32, of: u32) -> Option<(Fault, u32)> {
+    let mut bench = lifted();
+    let mut missed_ticks = 0;
+    (1..=2000).find_map(|tick| {
+        bench.contraction -= step;
+        if tick % of == 0 {
+            missed_ticks += 1;
+            return None;
+        }
+        let mut sensors = bench.sensors();
+        sensors.missed_ticks = core::mem::take(&mut missed_ticks);
+        let output = bench.tick_with(&sensors);
+        output.fault.map(|fault| (fault, tick))
+    })
+}
+
+/// Missed ticks hide no speed: 0.5 m/s is found within the time that four ticks take.
+#[test]
+fn a_weight_that_is_too_fast_is_found_between_missed_ticks() {
+    for of in [2, 3, 10, 2001] {
+        let found = fault_with_missed_ticks(5e-3 / 0.3, of);
+        let (fault, ticks) = found.expect("a fault");
+        assert!(fault == Fault::OverSpeed && ticks <= 4, "{of}: {found:?}");
+    }
+}
+
+/// Ticks that are missed again and again are a fault, from one of ten on; fewer are none.
+#[test]
+fn ticks_that_are_missed_again_and_again_are_a_fault() {
+    for (of, latest) in [(2, 20), (3, 40), (10, 800)] {
+        let found = fault_with_missed_ticks(0.0, of);
+        let (fault, ticks) = found.expect("a fault");
+        assert!(
+            fault == Fault::MissedTicks && ticks <= latest,
+            "{of}: {found:?}"
+        );
+    }
+    for of in [12, 2001] {
+        assert_eq!(fault_with_missed_ticks(0.0, of), None);
+    }
 }
 
 /// A bench in an experiment whose weight hangs at 200 kPa, at ε = 0.124.
@@ -1255,4 +1300,39 @@ proptest! {
             last = output;
         }
     }
+}
+
+#[test]
+fn a_damaged_memory_is_a_fault_and_lets_the_weight_down_if_nothing_is_known() {
+    let settings = reference();
+    let values = settings.values();
+    let mut controller = Controller::new(settings);
+    controller.memory_mut().state.copies_mut()[0].pressure_ref_pa = 1e5;
+    assert_eq!(
+        controller.tick(&Sensors::default()).fault,
+        Some(Fault::Memory)
+    );
+    let mut controller = Controller::new(settings);
+    for (copy, pressure_ref_pa) in [1e5, 2e5, 3e5].into_iter().enumerate() {
+        controller.memory_mut().state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
+    }
+    // The muscle has 250 kPa, and is vented from there at the settings' rate.
+    let sensors = Sensors {
+        bridge: values.bridge.count(0.0),
+        pressure: values.pressure_sensor.count(2.5e5),
+        ..Sensors::default()
+    };
+    let mut before_pa = values.pressure_sensor.value(sensors.pressure);
+    for _ in 0..10 {
+        let output = controller.tick(&sensors);
+        assert_eq!(
+            (output.mode, output.fault),
+            (Mode::Venting, Some(Fault::Memory))
+        );
+        let step_pa = before_pa - output.pressure_ref.0;
+        let most_pa = values.vent_rate_pa_per_s * 0.01;
+        assert!((0.0..=most_pa + 0.1).contains(&step_pa), "{step_pa}");
+        before_pa = output.pressure_ref.0;
+    }
+    assert!(before_pa > 2e5, "{before_pa}");
 }

@@ -59,15 +59,26 @@ pub enum SettingsFault {
     CutWhileErasing,
 }
 
-/// The part of the device's memory in which a bit flips.
+/// The part of the device's memory in which bits flip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Memory {
-    /// One copy of the controller's state.
+    /// The controller's state.
     State,
-    /// One copy of the settings.
+    /// The settings.
     Settings,
-    /// One copy of the flag that switches hardware in the loop on.
+    /// The flag that switches hardware in the loop on.
     Hil,
+}
+
+/// The copies in which a bit flips.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Copies {
+    /// One; the size is its index.
+    One,
+    /// The same bit in all others than one; the size is the index of that.
+    Others,
+    /// Another bit in each.
+    All,
 }
 
 /// An injected fault, without its size.
@@ -118,8 +129,8 @@ pub enum Inject {
     Link(LinkFault),
     /// A fault of the stored settings.
     Settings(SettingsFault),
-    /// A bit flip in memory; the size is the index of the copy.
-    Damage(Memory),
+    /// Bit flips in these copies of a part of the memory.
+    Damage(Memory, Copies),
     /// These contacts of the emergency stop, or their wires, open.
     Stop([bool; 2]),
 }
@@ -179,6 +190,13 @@ pub struct Latched {
     pub above_m: f64,
     /// Whether a latched reason is a right one.
     pub is_right: fn(Fault) -> bool,
+}
+
+impl Latched {
+    /// Whether only a weight that hangs shows it: on its stop it may no longer.
+    pub fn is_of_hanging(&self) -> bool {
+        self.moments == HELD
+    }
 }
 
 const IN_USE: &[Moment] = &[
@@ -641,7 +659,8 @@ pub const KINDS: &[Kind] = &[
         &[10.0, 100.0],
         "times",
         Controller,
-        None,
+        // Seven, and the next one, and the one in which the fault occurs.
+        latched(|_| 0.16, IN_USE, |fault| fault == Fault::MissedTicks),
     ),
     kind(
         "clock wrong",
@@ -727,7 +746,7 @@ pub const KINDS: &[Kind] = &[
     kind("power lost", PowerLost, &[0.02, 0.5], "s", DOWN, None),
     kind(
         "bit flip in the state",
-        Damage(Memory::State),
+        Damage(Memory::State, Copies::One),
         &[0.0, 1.0, 2.0],
         "copy",
         Controller,
@@ -735,15 +754,47 @@ pub const KINDS: &[Kind] = &[
     ),
     kind(
         "bit flip in the settings",
-        Damage(Memory::Settings),
+        Damage(Memory::Settings, Copies::One),
         &[0.0, 1.0, 2.0],
         "copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
     kind(
+        "bit flip in two copies of the state",
+        Damage(Memory::State, Copies::Others),
+        &[0.0, 1.0, 2.0],
+        "copy that is right",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
+    ),
+    kind(
+        "bit flips in all copies of the state",
+        Damage(Memory::State, Copies::All),
+        &[0.0],
+        "",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
+    ),
+    kind(
+        "bit flip in two copies of the settings",
+        Damage(Memory::Settings, Copies::Others),
+        &[0.0, 1.0, 2.0],
+        "copy that is right",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
+    ),
+    kind(
+        "bit flips in all copies of the settings",
+        Damage(Memory::Settings, Copies::All),
+        &[0.0],
+        "",
+        Controller,
+        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
+    ),
+    kind(
         "bit flip in the source",
-        Damage(Memory::Hil),
+        Damage(Memory::Hil, Copies::One),
         &[0.0, 1.0, 2.0],
         "copy",
         Controller,

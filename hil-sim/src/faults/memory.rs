@@ -1,50 +1,26 @@
 //! Flipped bits in the device's memory.
 
 use model_core::device::Hil;
-use model_core::settings::SettingsValues;
-use model_core::state::State;
-use model_core::supervisor::{Fault, Mode};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
-/// Flips one bit of the state; `bit` is taken modulo their number.
-pub fn flip_state(state: &mut State, bit: usize) {
-    let float = |value: &mut f32, bit: usize| {
-        let flipped = f32::from_bits(value.to_bits() ^ 1 << bit);
-        // A flipped sign of zero has no effect: flips the lowest bit as well.
-        let same = flipped == *value;
-        *value = f32::from_bits(flipped.to_bits() ^ u32::from(same));
-    };
-    let (value, bit) = (bit / 32 % 12, bit % 32);
-    match value {
-        0 => float(&mut state.pressure_ref_pa, bit),
-        1 => float(&mut state.tare_n, bit),
-        2 => state.home.0 ^= 1 << bit,
-        3 => state.mode = [Mode::SelfCheck, Mode::Ready, Mode::Holding, Mode::Venting][bit % 4],
-        4 => state.engaged = !state.engaged,
-        5 => state.mode_ticks ^= 1 << (bit % 16),
-        6 => state.fault = state.fault.xor(Some(Fault::OverPressure)),
-        7 => state.moved_to.0 ^= 1 << bit,
-        8 => float(&mut state.moved_at_pa, bit),
-        9 => float(&mut state.played_pa, bit),
-        10 => state.silent_ticks ^= 1 << (bit % 8),
-        _ => state.empty_ticks ^= 1 << (bit % 16),
+/// Flips one bit of a value, of whichever field, valid or not: bit `bit` modulo their number in its
+/// encoding, or the next one with which it is another value. A bit that says whether a field is
+/// there makes others of all behind it.
+pub fn flip<T: Serialize + DeserializeOwned + PartialEq>(value: &mut T, bit: usize) {
+    let mut buffer = [0; 1024];
+    let len = postcard::to_slice(value, &mut buffer).map_or(0, |encoded| encoded.len());
+    for bit in (0..8 * len).map(|later| (bit + later) % (8 * len)) {
+        let mut flipped = buffer;
+        flipped[bit / 8] ^= 1 << (bit % 8);
+        match postcard::from_bytes::<T>(&flipped) {
+            Ok(other) if other != *value => {
+                *value = other;
+                return;
+            }
+            _ => {}
+        }
     }
-}
-
-/// Flips one bit of the settings, whether the result is valid or not; `bit` is taken modulo their
-/// number.
-pub fn flip_settings(values: &mut SettingsValues, bit: usize) {
-    let floats = [
-        &mut values.gain,
-        &mut values.pressure_pa_max,
-        &mut values.muscle.alpha_m2,
-        &mut values.bridge.per_count,
-        &mut values.encoder_m_per_count,
-        &mut values.valve_drive.pa_per_v,
-        &mut values.vent_rate_pa_per_s,
-        &mut values.reference_speed_m_per_s_max,
-    ];
-    let value = &mut *floats[bit / 32 % 8];
-    *value = f32::from_bits(value.to_bits() ^ 1 << (bit % 32));
 }
 
 /// Switches hardware in the loop on or off.
@@ -53,4 +29,47 @@ pub fn flip_hil(hil: &mut Option<Hil>) {
         None => Some(Hil::default()),
         Some(_) => None,
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use model_core::controller::Controller;
+    use model_core::io::Sensors;
+    use model_core::settings::{Settings, SettingsValues};
+    use std::collections::BTreeSet;
+
+    /// Each byte of the encoding is reached but one, and each bit makes another value.
+    #[test]
+    fn every_field_is_flipped() {
+        fn values<T: Serialize + DeserializeOwned + PartialEq + Copy>(of: T) -> usize {
+            let encoded = |value: &T| {
+                let mut buffer = [0; 1024];
+                postcard::to_slice(value, &mut buffer)
+                    .expect("it fits")
+                    .to_vec()
+            };
+            let before = encoded(&of);
+            let mut reached = BTreeSet::new();
+            for bit in 0..8 * before.len() {
+                let mut value = of;
+                flip(&mut value, bit);
+                assert!(value != of);
+                let after = encoded(&value);
+                let pairs = before.iter().zip(&after).enumerate();
+                reached.extend(pairs.filter(|(_, (a, b))| a != b).map(|(byte, _)| byte));
+            }
+            // Without the latched fault nothing behind it is a state.
+            assert!(reached.len() + 1 >= before.len(), "{}", reached.len());
+            before.len()
+        }
+        assert!(values(SettingsValues::reference()) > 150);
+        // After some ticks, so that there is something in all of it.
+        let settings = Settings::new(SettingsValues::reference()).expect("settings");
+        let mut controller = Controller::new(settings);
+        for _ in 0..10 {
+            controller.tick(&Sensors::default());
+        }
+        assert!(values(*controller.state()) > 80);
+    }
 }

@@ -100,6 +100,8 @@ pub(super) struct CaseMonitor<'a> {
     outcome: Outcome,
     fault_occurred: bool,
     height_at_fault_m: f64,
+    /// The weight has come to its stop so long after the fault \[s\].
+    stopped_after_s: Option<f64>,
     /// Assistance has begun after the fault and before the hand moves. Later the force of the hand
     /// can cancel the error of the gauge.
     assisting_after_fault: bool,
@@ -134,6 +136,7 @@ impl CaseMonitor<'_> {
             outcome,
             fault_occurred: false,
             height_at_fault_m: 0.0,
+            stopped_after_s: None,
             assisting_after_fault: false,
         }
     }
@@ -154,12 +157,20 @@ impl CaseMonitor<'_> {
         simulation.contraction() * self.case.rig.nominal.muscle.initial_length_m
     }
 
+    /// Height up to which the weight is on its stop \[m\].
+    fn stop_m(&self) -> f64 {
+        f64::from(STOP_CONTRACTION) * self.case.rig.nominal.muscle.initial_length_m
+    }
+
     /// Records the extremes of the plant's state after the fault.
     pub(super) fn record_state(&mut self, time_s: f64, simulation: &Simulation) {
         if !self.fault_occurred {
             return;
         }
         let (height_m, ends_s) = (self.height_m(simulation), self.ends_s());
+        if self.stopped_after_s.is_none() && height_m < self.stop_m() {
+            self.stopped_after_s = Some(time_s - self.case.fault_s);
+        }
         let speed_m_per_s =
             simulation.contraction_rate_per_s() * self.case.rig.nominal.muscle.initial_length_m;
         let outcome = &mut self.outcome;
@@ -233,7 +244,6 @@ impl CaseMonitor<'_> {
             Mode::Assisting | Mode::Holding | Mode::Playing
         );
         let ended = !in_use || self.required_reason().is_some();
-        let stop_m = f64::from(STOP_CONTRACTION) * case.rig.nominal.muscle.initial_length_m;
         let must_not_start = match case.moment {
             Moment::Start => case.kind.bars_start,
             _ => self.required_reason().is_some(),
@@ -241,7 +251,7 @@ impl CaseMonitor<'_> {
         vec![
             (
                 "not let down",
-                ended && can_be_lowered(case) && outcome.height_m_final > stop_m,
+                ended && can_be_lowered(case) && outcome.height_m_final > self.stop_m(),
             ),
             ("not at rest", outcome.speed_m_per_s_final > REST_M_PER_S),
             ("begun", must_not_start && self.assisting_after_fault),
@@ -251,7 +261,13 @@ impl CaseMonitor<'_> {
     /// The reason that must be latched in this case.
     fn required_reason(&self) -> Option<Latched> {
         self.case.kind.latched.filter(|latched| {
-            latched.moments.contains(&self.case.moment) && self.height_at_fault_m >= latched.above_m
+            let within_s = (latched.within_s)(self.case.size);
+            let stopped = self
+                .stopped_after_s
+                .is_some_and(|after_s| after_s < within_s);
+            latched.moments.contains(&self.case.moment)
+                && self.height_at_fault_m >= latched.above_m
+                && !(latched.is_of_hanging() && stopped)
         })
     }
 

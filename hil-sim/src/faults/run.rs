@@ -2,7 +2,7 @@
 
 use super::bounds::bounds;
 use super::instruments::{Instruments, noise_on_link};
-use super::kind::{Inject, LinkFault, TickFault};
+use super::kind::{Copies, Inject, LinkFault, TickFault};
 use super::outcome::{CaseMonitor, Outcome};
 use super::plant::{
     BrokenValve, CHECK_VALVE_S, FallingSupply, Hardware, Hole, OtherLoad, PULSES_LAST_S,
@@ -122,8 +122,10 @@ impl Schedule {
 
     /// Whether this tick is missed.
     fn is_missed(&mut self) -> bool {
-        let halts = self.halting > 0 && self.halting.is_multiple_of(2);
-        self.halting = self.halting.saturating_sub(1);
+        // A board that is still starting has no ticks that could halt.
+        let begun = self.missed.is_some();
+        let halts = begun && self.halting > 0 && self.halting.is_multiple_of(2);
+        self.halting = self.halting.saturating_sub(begun.into());
         let is_missed = halts || self.leave_out > 0;
         self.leave_out = self.leave_out.saturating_sub(1);
         self.missed = self.missed.map(|missed| missed + u8::from(is_missed));
@@ -215,9 +217,19 @@ impl<'a> CaseRun<'a> {
             Inject::Ticks(TickFault::Clock) => schedule.period_s *= 1.0 + case.size,
             Inject::Ticks(TickFault::Missed) => schedule.leave_out = case.size as u32,
             Inject::Ticks(TickFault::Halting) => schedule.halting = 2 * case.size as u32,
-            Inject::Damage(memory) => {
-                let bit = self.random.random_range(0..1 << 12);
-                unit.damage(memory, case.size as usize, bit);
+            Inject::Damage(memory, copies) => {
+                let named = case.size as usize;
+                let same = self.random.random_range(0..1 << 12);
+                for copy in 0..3 {
+                    let bit = match copies {
+                        Copies::One => (copy == named).then_some(same),
+                        Copies::Others => (copy != named).then_some(same),
+                        Copies::All => Some(self.random.random_range(0..1 << 12)),
+                    };
+                    if let Some(bit) = bit {
+                        unit.damage(memory, copy, bit);
+                    }
+                }
             }
             _ => {}
         }
