@@ -261,7 +261,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
 }
 
 /// State of hardware in the loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,

@@ -161,7 +161,8 @@ impl Memory {
     /// that of a controller that vents, from the pressure that the muscle has; with the first
     /// settings that are valid.
     pub fn recall(&self) -> Recalled {
-        let (settings, state) = (self.settings.recall(), self.state.recall());
+        let settings = self.settings.recall().or_else(|| self.settings.mended());
+        let state = self.state.recall();
         let is_known = settings.is_some();
         let is_valid = |values: &&SettingsValues| Settings::new(**values).is_ok();
         let valid = || self.settings.copies().iter().find(is_valid).copied();

@@ -1,10 +1,8 @@
 //! Memory that tolerates flipped bits: three copies, and a checksum that tells what is right where
 //! they differ.
 
-use crate::settings::ENCODED_LEN_MAX;
-use postcard::ser_flavors::Flavor;
+use crate::settings::{ENCODED_LEN_MAX, SettingsValues};
 use serde::Serialize;
-use serde::de::DeserializeOwned;
 
 /// A value in three copies, with a checksum of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +11,7 @@ pub struct Voted<T> {
     checksum: u32,
 }
 
-impl<T: Copy + PartialEq + Serialize + DeserializeOwned> Voted<T> {
+impl<T: Copy + PartialEq + Serialize> Voted<T> {
     /// Three copies of `value`.
     pub fn new(value: T) -> Voted<T> {
         Voted {
@@ -30,8 +28,8 @@ impl<T: Copy + PartialEq + Serialize + DeserializeOwned> Voted<T> {
         }
     }
 
-    /// The value: a copy that has the checksum, else what two copies agree on, else what they agree
-    /// on bit by bit if that has the checksum; none where there is neither.
+    /// The value: a copy that has the checksum, else what two copies agree on; none where there is
+    /// neither.
     pub fn recall(&self) -> Option<T> {
         let [a, b, c] = &self.copies;
         if self.is_intact() {
@@ -40,23 +38,7 @@ impl<T: Copy + PartialEq + Serialize + DeserializeOwned> Voted<T> {
         let right = self.copies.iter().find(|copy| self.is_right(copy));
         let agreed = if a == b || a == c { Some(a) } else { None };
         let agreed = agreed.or(if b == c { Some(b) } else { None });
-        right.or(agreed).copied().or_else(|| self.mended())
-    }
-
-    /// What the copies agree on bit by bit, if that has the checksum. Out of line, so that it takes
-    /// no stack from the ticks that do not need it.
-    #[inline(never)]
-    fn mended(&self) -> Option<T> {
-        let mut encoded = [[0; ENCODED_LEN_MAX]; 3];
-        for (copy, buffer) in self.copies.iter().zip(&mut encoded) {
-            postcard::to_slice(copy, buffer).ok()?;
-        }
-        let [mut mended, second, third] = encoded;
-        for ((a, b), c) in mended.iter_mut().zip(&second).zip(&third) {
-            *a = (*a & b) | (b & c) | (*a & c);
-        }
-        let value = postcard::from_bytes(&mended).ok()?;
-        self.is_right(&value).then_some(value)
+        right.or(agreed).copied()
     }
 
     /// The value as it was set, if nothing has damaged the first copy since then.
@@ -86,26 +68,31 @@ impl<T: Copy + PartialEq + Serialize + DeserializeOwned> Voted<T> {
     }
 }
 
-/// FNV-1a of the value's bytes (Fowler, Noll, Vo: draft-eastlake-fnv). Each step is invertible, so
-/// that no change of a single byte leaves it as it is.
-struct Fnv1a(u32);
-
-impl Flavor for Fnv1a {
-    type Output = u32;
-
-    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        self.0 = (self.0 ^ u32::from(byte)).wrapping_mul(0x0100_0193);
-        Ok(())
-    }
-
-    fn finalize(self) -> postcard::Result<u32> {
-        Ok(self.0)
+impl Voted<SettingsValues> {
+    /// What the copies agree on bit by bit, if that has the checksum.
+    pub fn mended(&self) -> Option<SettingsValues> {
+        let mut encoded = [[0; ENCODED_LEN_MAX]; 3];
+        for (copy, buffer) in self.copies.iter().zip(&mut encoded) {
+            postcard::to_slice(copy, buffer).ok()?;
+        }
+        let [mut mended, second, third] = encoded;
+        for ((a, b), c) in mended.iter_mut().zip(&second).zip(&third) {
+            *a = (*a & b) | (b & c) | (*a & c);
+        }
+        let (values, _) = postcard::take_from_bytes(&mended).ok()?;
+        self.is_right(&values).then_some(values)
     }
 }
 
+/// FNV-1a of the value's bytes (Fowler, Noll, Vo: draft-eastlake-fnv). Each step is invertible, so
+/// that no change of a single byte leaves it as it is. Out of line: it is large.
+#[inline(never)]
 fn checksum(value: &impl Serialize) -> u32 {
-    // Nothing in it can fail.
-    postcard::serialize_with_flavor(value, Fnv1a(0x811C_9DC5)).unwrap_or_default()
+    let mut buffer = [0; ENCODED_LEN_MAX];
+    // Every value fits.
+    let encoded = postcard::to_slice(value, &mut buffer).unwrap_or_default();
+    let step = |sum: u32, byte: &u8| (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
+    encoded.iter().fold(0x811C_9DC5, step)
 }
 
 #[cfg(test)]
@@ -138,10 +125,15 @@ mod tests {
     }
 
     #[test]
-    fn other_bits_in_all_copies_are_mended() {
-        assert_eq!(damaged([6, 5, 3]).recall(), Some(7));
-        // Two bits in the same place are not.
-        assert_eq!(damaged([6, 4, 3]).recall(), None);
+    fn other_bits_in_all_copies_of_the_settings_are_mended() {
+        let values = SettingsValues::reference();
+        let mut voted = Voted::new(values);
+        let [a, b, c] = voted.copies_mut();
+        (a.gain, b.load_kg, c.suspect_ticks) = (-20.0, 0.0, 2);
+        assert_eq!((voted.recall(), voted.mended()), (None, Some(values)));
+        // The same bit in two is not.
+        voted.copies_mut()[1].gain = -20.0;
+        assert_eq!(voted.mended(), None);
     }
 
     /// A checksum that is damaged with a copy leaves two that agree.
