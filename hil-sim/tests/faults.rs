@@ -222,8 +222,7 @@ fn bounds_are_wider_if_only_energy_limits_the_motion() {
 fn a_reference_beyond_its_limit_is_not_passed_on() {
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut controller = Controller::new(settings);
-    for copy in 0..3 {
-        let state = &mut controller.memory_mut().state.copies_mut()[copy];
+    for state in controller.memory_mut().state.copies_mut() {
         (state.mode, state.pressure_ref_pa) = (Mode::Holding, 6e5);
     }
     let output = controller.tick(&Sensors::default());

@@ -261,7 +261,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
 }
 
 /// State of hardware in the loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,
@@ -319,6 +319,7 @@ mod tests {
     use super::*;
     use crate::settings::SettingsValues;
     use crate::supervisor::Fault;
+    use crate::voted::COPIES;
 
     fn settings() -> Settings {
         Settings::new(SettingsValues {
@@ -721,7 +722,7 @@ mod tests {
     fn flips_of_the_start_up_fault_do_not_accumulate() {
         for fault in [None, Some(StartFault::Ram)] {
             let mut device = Device::new(settings()).started(fault);
-            for copy in 0..3 {
+            for copy in 0..COPIES {
                 device.start.copies_mut()[copy] = Some(StartFault::Supply);
                 tick(&mut device, &resting(), &[]);
                 assert_eq!(device.start, Voted::new(fault), "copy {copy}");

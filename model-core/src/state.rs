@@ -4,10 +4,10 @@ use crate::compensation::CompensationState;
 use crate::consistency::{ForceBalance, PressureFollower};
 use crate::number::Number;
 use crate::plausibility::{BadTickCount, SensorMonitor};
-use crate::settings::{Settings, SettingsValues};
+use crate::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use crate::signal::EncoderCount;
 use crate::supervisor::{Decision, Fault, Mode};
-use crate::voted::Voted;
+use crate::voted::{COPIES, Voted};
 use serde::{Deserialize, Serialize};
 
 /// The state of the controller between ticks.
@@ -128,7 +128,7 @@ pub(crate) fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
     }
 }
 
-/// Settings and state, each in three copies: flipped bits are outvoted and detected.
+/// Settings and state, each in several copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memory {
     /// Values of settings that were valid when they were stored here.
@@ -158,20 +158,18 @@ impl Memory {
     }
 
     /// Settings and state, as the copies tell. Where they do not, nothing is known and the state is
-    /// that of a controller that vents, from the pressure that the muscle has; with the first
-    /// settings that are valid.
+    /// that of a controller that vents, from the pressure that the muscle has; with settings that
+    /// most copies agree on bit by bit.
     pub fn recall(&self) -> Recalled {
-        let settings = self.settings.recall().or_else(|| self.settings.mended());
-        let state = self.state.recall();
+        let (settings, state) = (self.settings.recall(), self.state.recall());
         let is_known = settings.is_some();
-        let is_valid = |values: &&SettingsValues| Settings::new(**values).is_ok();
-        let valid = || self.settings.copies().iter().find(is_valid).copied();
         let venting = State {
             mode: Mode::Venting,
             ..State::default()
         };
+        let mended = || mended(self.settings.copies());
         Recalled {
-            values: settings.or_else(valid).unwrap_or(*self.settings.get()),
+            values: settings.or_else(mended).unwrap_or(*self.settings.get()),
             state: state.filter(|_| is_known).unwrap_or(venting),
             damaged: !(self.settings.is_intact() && self.state.is_intact()),
         }
@@ -187,6 +185,27 @@ impl Memory {
     pub fn restart(&mut self) {
         self.store(self.recall().values, State::default());
     }
+}
+
+/// What most copies of settings agree on bit by bit, if that is valid.
+#[inline(never)]
+fn mended(copies: &[SettingsValues; COPIES]) -> Option<SettingsValues> {
+    let mut encoded = [[0; ENCODED_LEN_MAX]; COPIES];
+    for (values, buffer) in copies.iter().zip(&mut encoded) {
+        postcard::to_slice(values, buffer).ok()?;
+    }
+    let mut mended = [0; ENCODED_LEN_MAX];
+    for (place, byte) in mended.iter_mut().enumerate() {
+        for bit in 0..8 {
+            let set = |copy: &&[u8; ENCODED_LEN_MAX]| {
+                copy.get(place).is_some_and(|byte| byte & (1 << bit) != 0)
+            };
+            let votes = encoded.iter().filter(set).count();
+            *byte |= u8::from(2 * votes > COPIES) << bit;
+        }
+    }
+    let (values, _) = postcard::take_from_bytes(&mended).ok()?;
+    Settings::new(values).is_ok().then_some(values)
 }
 
 #[cfg(test)]
@@ -206,31 +225,14 @@ mod tests {
     }
 
     #[test]
-    fn one_flipped_copy_is_outvoted_and_told() {
+    fn up_to_two_flipped_copies_are_outvoted_and_told() {
         let intact = assisting();
         assert!(!intact.recall().damaged);
-        for copy in 0..3 {
+        for (one, other) in (0..COPIES).flat_map(|one| (one..COPIES).map(move |other| (one, other)))
+        {
             let mut memory = intact;
-            memory.state.copies_mut()[copy].mode = Mode::Ready;
-            let recalled = memory.recall();
-            assert_eq!(recalled.state, *intact.state.get());
-            assert!(recalled.damaged);
-            let mut memory = intact;
-            memory.settings.copies_mut()[copy].gain = 1e3;
-            let recalled = memory.recall();
-            assert_eq!(recalled.values, *intact.settings.get());
-            assert!(recalled.damaged);
-        }
-    }
-
-    /// The same bit in two copies: the third is right.
-    #[test]
-    fn two_flipped_copies_are_told_by_the_checksum() {
-        let intact = assisting();
-        for right in 0..3 {
-            let mut memory = intact;
-            for copy in (0..3).filter(|copy| *copy != right) {
-                memory.state.copies_mut()[copy].pressure_ref_pa = 4e5;
+            for copy in [one, other] {
+                memory.state.copies_mut()[copy].mode = Mode::Ready;
                 memory.settings.copies_mut()[copy].gain = 1e3;
             }
             let recalled = memory.recall();
@@ -246,19 +248,28 @@ mod tests {
             mode: Mode::Venting,
             ..State::default()
         };
-        let mut memory = assisting();
-        for (copy, pressure_ref_pa) in [1e5, 3e5, 4e5].into_iter().enumerate() {
-            memory.state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
+        let intact = assisting();
+        let mut memory = intact;
+        for (state, pressure_pa) in memory.state.copies_mut().iter_mut().zip([1e5, 3e5, 4e5]) {
+            state.pressure_ref_pa = pressure_pa;
         }
+        // Two still agree.
+        assert_eq!(memory.recall().state, *intact.state.get());
+        memory.state.copies_mut()[4].pressure_ref_pa = 5e5;
         let recalled = memory.recall();
         assert_eq!((recalled.state, recalled.damaged), (venting, true));
-        let mut memory = assisting();
-        for (copy, gain) in [1e9, 2.0, 3.0].into_iter().enumerate() {
-            memory.settings.copies_mut()[copy].gain = gain;
-        }
+        // Another bit in each copy.
+        let mut memory = intact;
+        let [a, b, c, d, e] = memory.settings.copies_mut();
+        (
+            a.gain,
+            b.gain,
+            c.load_kg,
+            d.suspect_ticks,
+            e.vent_rate_pa_per_s,
+        ) = (-20.0, 0.0, -1.0, 2, 0.0);
         let recalled = memory.recall();
         assert_eq!((recalled.state, recalled.damaged), (venting, true));
-        // The first is not valid.
-        assert_eq!(recalled.values.gain, 2.0);
+        assert_eq!(recalled.values, *intact.settings.get());
     }
 }

@@ -1,155 +1,97 @@
-//! Memory that tolerates flipped bits: three copies, and a checksum that tells what is right where
-//! they differ.
+//! Memory that tolerates flipped bits: five copies, of which those that agree tell.
 
-use crate::settings::{ENCODED_LEN_MAX, SettingsValues};
-use serde::Serialize;
+/// Copies: two that are damaged in the same way are outvoted.
+pub const COPIES: usize = 5;
 
-/// A value in three copies, with a checksum of it.
+/// A value in several copies.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Voted<T> {
-    copies: [T; 3],
-    checksum: u32,
-}
+pub struct Voted<T>([T; COPIES]);
 
-impl<T: Copy + PartialEq + Serialize> Voted<T> {
-    /// Three copies of `value`.
-    pub fn new(value: T) -> Voted<T> {
-        Voted {
-            copies: [value; 3],
-            checksum: checksum(&value),
-        }
+impl<T: Copy + PartialEq> Voted<T> {
+    /// Copies of `value`.
+    pub const fn new(value: T) -> Voted<T> {
+        Voted([value; COPIES])
     }
 
-    /// Sets all copies.
+    /// Sets all copies. Out of line, so that a value is made once and copied.
+    #[inline(never)]
     pub fn set(&mut self, value: T) {
-        // What stays as it is needs no new checksum.
-        if self.copies != [value; 3] {
-            *self = Voted::new(value);
+        for copy in &mut self.0 {
+            *copy = value;
         }
     }
 
-    /// The value: a copy that has the checksum, else what two copies agree on; none where there is
-    /// neither.
+    /// The value on which most copies agree; none if that is none, or not one.
     pub fn recall(&self) -> Option<T> {
-        let [a, b, c] = &self.copies;
         if self.is_intact() {
-            return Some(*a);
+            Some(*self.get())
+        } else {
+            self.elected()
         }
-        let right = self.copies.iter().find(|copy| self.is_right(copy));
-        let agreed = if a == b || a == c { Some(a) } else { None };
-        let agreed = agreed.or(if b == c { Some(b) } else { None });
-        right.or(agreed).copied()
+    }
+
+    /// Out of line, as it is seldom needed.
+    #[inline(never)]
+    fn elected(&self) -> Option<T> {
+        let votes = |value: &T| self.0.iter().filter(|copy| agree(*copy, value)).count();
+        let most = self.0.iter().map(votes).max().unwrap_or(0);
+        let mut elected = self.0.iter().filter(|copy| votes(copy) == most);
+        let value = elected.next()?;
+        (most > 1 && elected.all(|copy| agree(copy, value))).then_some(*value)
     }
 
     /// The value as it was set, if nothing has damaged the first copy since then.
     pub fn get(&self) -> &T {
-        let [first, ..] = &self.copies;
+        let [first, ..] = &self.0;
         first
     }
 
     /// True if all copies agree. A value that contains NaN never agrees.
     pub fn is_intact(&self) -> bool {
-        let [a, b, c] = &self.copies;
-        a == b && b == c
-    }
-
-    fn is_right(&self, copy: &T) -> bool {
-        checksum(copy) == self.checksum
+        let [first, others @ ..] = &self.0;
+        others.iter().all(|copy| agree(copy, first))
     }
 
     /// The copies, as the fault campaign reads them.
-    pub fn copies(&self) -> &[T; 3] {
-        &self.copies
+    pub fn copies(&self) -> &[T; COPIES] {
+        &self.0
     }
 
     /// The copies, for the fault campaign to damage them. The controller never writes a single one.
-    pub fn copies_mut(&mut self) -> &mut [T; 3] {
-        &mut self.copies
+    pub fn copies_mut(&mut self) -> &mut [T; COPIES] {
+        &mut self.0
     }
 }
 
-impl Voted<SettingsValues> {
-    /// What the copies agree on bit by bit, if that has the checksum.
-    pub fn mended(&self) -> Option<SettingsValues> {
-        let mut encoded = [[0; ENCODED_LEN_MAX]; 3];
-        for (copy, buffer) in self.copies.iter().zip(&mut encoded) {
-            postcard::to_slice(copy, buffer).ok()?;
-        }
-        let [mut mended, second, third] = encoded;
-        for ((a, b), c) in mended.iter_mut().zip(&second).zip(&third) {
-            *a = (*a & b) | (b & c) | (*a & c);
-        }
-        let (values, _) = postcard::take_from_bytes(&mended).ok()?;
-        self.is_right(&values).then_some(values)
-    }
-}
-
-/// FNV-1a of the value's bytes (Fowler, Noll, Vo: draft-eastlake-fnv). Each step is invertible, so
-/// that no change of a single byte leaves it as it is. Out of line: it is large.
+/// Whether two copies agree; out of line, as it is large and often needed.
 #[inline(never)]
-fn checksum(value: &impl Serialize) -> u32 {
-    let mut buffer = [0; ENCODED_LEN_MAX];
-    // Every value fits.
-    let encoded = postcard::to_slice(value, &mut buffer).unwrap_or_default();
-    let step = |sum: u32, byte: &u8| (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
-    encoded.iter().fold(0x811C_9DC5, step)
+fn agree<T: PartialEq>(one: &T, other: &T) -> bool {
+    one == other
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn damaged(copies: [u32; 3]) -> Voted<u32> {
-        let mut voted = Voted::new(7);
-        *voted.copies_mut() = copies;
-        assert!(!voted.is_intact());
-        voted
-    }
-
+    /// One copy, or two by the same bit or another, whichever they are.
     #[test]
-    fn one_damaged_copy_is_outvoted_and_noticed() {
+    fn up_to_two_damaged_copies_are_outvoted_and_noticed() {
         assert!(Voted::new(7).is_intact());
-        for copies in [[8, 7, 7], [7, 8, 7], [7, 7, 8]] {
-            assert_eq!(damaged(copies).recall(), Some(7), "{copies:?}");
-        }
-    }
-
-    /// The same bit in two copies, or others, leave the third right, whichever that is.
-    #[test]
-    fn where_two_copies_are_damaged_the_third_is_taken() {
-        for others in [8, 9] {
-            for copies in [[7, 8, others], [8, 7, others], [8, others, 7]] {
-                assert_eq!(damaged(copies).recall(), Some(7), "{copies:?}");
+        for (one, other) in (0..COPIES).flat_map(|one| (0..COPIES).map(move |other| (one, other))) {
+            for value in [8, 9] {
+                let mut voted = Voted::new(7);
+                voted.copies_mut()[one] = value;
+                voted.copies_mut()[other] = 8;
+                assert_eq!(voted.recall(), Some(7), "{voted:?}");
+                assert!(!voted.is_intact());
             }
         }
     }
 
     #[test]
-    fn other_bits_in_all_copies_of_the_settings_are_mended() {
-        let values = SettingsValues::reference();
-        let mut voted = Voted::new(values);
-        let [a, b, c] = voted.copies_mut();
-        (a.gain, b.load_kg, c.suspect_ticks) = (-20.0, 0.0, 2);
-        assert_eq!((voted.recall(), voted.mended()), (None, Some(values)));
-        // The same bit in two is not.
-        voted.copies_mut()[1].gain = -20.0;
-        assert_eq!(voted.mended(), None);
-    }
-
-    /// A checksum that is damaged with a copy leaves two that agree.
-    #[test]
-    fn without_a_checksum_two_copies_tell_and_without_those_nothing_does() {
-        let mut voted = Voted::new(7);
-        voted.checksum ^= 1;
-        assert!(voted.is_intact());
-        for copy in 0..3 {
-            let mut voted = voted;
-            voted.copies_mut()[copy] = 8;
-            assert_eq!(voted.recall(), Some(7));
-        }
-        *voted.copies_mut() = [7, 8, 9];
-        assert_eq!(voted.recall(), None);
-        voted.set(5);
-        assert_eq!(voted, Voted::new(5));
+    fn of_more_the_largest_number_that_agrees_tells_or_none() {
+        assert_eq!(Voted([1, 2, 7, 3, 7]).recall(), Some(7));
+        assert_eq!(Voted([1, 7, 2, 1, 7]).recall(), None);
+        assert_eq!(Voted([1, 2, 3, 4, 5]).recall(), None);
     }
 }

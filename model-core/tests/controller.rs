@@ -1313,8 +1313,9 @@ fn a_damaged_memory_is_a_fault_and_lets_the_weight_down_if_nothing_is_known() {
         Some(Fault::Memory)
     );
     let mut controller = Controller::new(settings);
-    for (copy, pressure_ref_pa) in [1e5, 2e5, 3e5].into_iter().enumerate() {
-        controller.memory_mut().state.copies_mut()[copy].pressure_ref_pa = pressure_ref_pa;
+    let copies = controller.memory_mut().state.copies_mut();
+    for (state, pressure_ref_pa) in copies.iter_mut().zip([1e5, 2e5, 3e5, 4e5]) {
+        state.pressure_ref_pa = pressure_ref_pa;
     }
     // The muscle has 250 kPa, and is vented from there at the settings' rate.
     let sensors = Sensors {

@@ -75,8 +75,8 @@ pub enum Memory {
 pub enum Copies {
     /// One; the size is its index.
     One,
-    /// The same bit in all others than one; the size is the index of that.
-    Others,
+    /// The same bit in two that follow each other; the size is the index of the first.
+    Two,
     /// Another bit in each.
     All,
 }
@@ -747,7 +747,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the state",
         Damage(Memory::State, Copies::One),
-        &[0.0, 1.0, 2.0],
+        &[0.0, 1.0, 2.0, 3.0, 4.0],
         "copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
@@ -755,16 +755,16 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the settings",
         Damage(Memory::Settings, Copies::One),
-        &[0.0, 1.0, 2.0],
+        &[0.0, 1.0, 2.0, 3.0, 4.0],
         "copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
     kind(
         "bit flip in two copies of the state",
-        Damage(Memory::State, Copies::Others),
-        &[0.0, 1.0, 2.0],
-        "copy that is right",
+        Damage(Memory::State, Copies::Two),
+        &[0.0, 1.0, 2.0, 3.0],
+        "first copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
@@ -778,9 +778,9 @@ pub const KINDS: &[Kind] = &[
     ),
     kind(
         "bit flip in two copies of the settings",
-        Damage(Memory::Settings, Copies::Others),
-        &[0.0, 1.0, 2.0],
-        "copy that is right",
+        Damage(Memory::Settings, Copies::Two),
+        &[0.0, 1.0, 2.0, 3.0],
+        "first copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
@@ -795,7 +795,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the source",
         Damage(Memory::Hil, Copies::One),
-        &[0.0, 1.0, 2.0],
+        &[0.0, 1.0, 2.0, 3.0, 4.0],
         "copy",
         Controller,
         None,

@@ -22,6 +22,7 @@ use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{COUNT_MAX, DacCount};
 use model_core::supervisor::Mode;
+use model_core::voted::COPIES;
 use muscle_plant::simulation::{Drive, Plant, Simulated};
 use muscle_plant::simulation::{Initial, Simulation};
 use muscle_plant::subsystem::Term;
@@ -220,10 +221,10 @@ impl<'a> CaseRun<'a> {
             Inject::Damage(memory, copies) => {
                 let named = case.size as usize;
                 let same = self.random.random_range(0..1 << 12);
-                for copy in 0..3 {
+                for copy in 0..COPIES {
                     let bit = match copies {
                         Copies::One => (copy == named).then_some(same),
-                        Copies::Others => (copy != named).then_some(same),
+                        Copies::Two => (copy.wrapping_sub(named) < 2).then_some(same),
                         Copies::All => Some(self.random.random_range(0..1 << 12)),
                     };
                     if let Some(bit) = bit {
