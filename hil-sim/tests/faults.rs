@@ -96,7 +96,7 @@ const NEEDED: [(SafetyFunction, &str, &str); 13] = [
     (SafetyFunction::SelfCheck, "gauge jumps", "begun"),
     (
         SafetyFunction::MemoryVote,
-        "bit flip in the settings",
+        "bit flips in all copies of the settings",
         "not let down",
     ),
     (
