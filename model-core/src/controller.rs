@@ -37,28 +37,29 @@ impl Controller {
     /// pressure between zero and the settings' limit. A missed tick is to be reported with the
     /// next one.
     pub fn tick(&mut self, sensors: &Sensors) -> Output {
+        let recalled = self.memory.recall();
         let Recalled {
             values,
             state,
             damaged,
-        } = self.memory.recall();
-        let limits = ReadingLimits::new(&values);
+        } = &recalled;
+        let limits = ReadingLimits::new(values);
 
         // Analyse: are the readings plausible, and consistent? Nothing here has an effect.
-        let (mut state, findings) = analyse(&values, &limits, &state, sensors);
+        let (mut state, findings) = analyse(values, &limits, state, sensors);
         let findings = Findings {
-            memory_damaged: damaged,
+            memory_damaged: *damaged,
             ..findings
         };
 
         // Decide: which mode follows from the findings.
-        let decision = decide(&values, state.mode, &findings);
+        let decision = decide(values, state.mode, &findings);
 
         // Act: the only thing that leaves is the valve's command.
-        state.apply(&values, decision);
-        let target = Target::new(&values, &mut state, findings.contraction);
-        let output = act(&values, &mut state, &target);
-        self.memory.store(values, state);
+        state.apply(values, decision);
+        let target = Target::new(values, &mut state, findings.contraction);
+        let output = act(values, &mut state, &target);
+        self.memory.store(&recalled, state);
         output
     }
 

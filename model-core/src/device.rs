@@ -10,7 +10,6 @@ use crate::link::{Source, Telemetry};
 use crate::settings::Settings;
 use crate::signal::{AdcCount, DacCount, EncoderCount};
 use crate::start::StartFault;
-use crate::state::State;
 use crate::stop::StopContacts;
 use crate::supervisor::{Fault, Mode};
 use crate::timing::Timing;
@@ -140,7 +139,7 @@ impl<C: Control> Device<C> {
         let pressed = self.button.request(pins.button_pressed, self.output.mode);
         let stop = self.stop.request(pins.stop_open);
         let mut request = if stop == Request::None { pressed } else { stop };
-        let mut hil = self.hil.recall().flatten();
+        let mut hil = self.hil.recall().0.copied().flatten();
         let mut simulated = None;
         for command in commands {
             match command {
@@ -163,7 +162,7 @@ impl<C: Control> Device<C> {
             (None, _) => (Source::Pins, from_pins(pins, timing, request)),
         };
         // Of what nothing is known no assistance begins.
-        let start = self.start.recall().unwrap_or(Some(StartFault::Ram));
+        let start = *self.start.recall().0.unwrap_or(&Some(StartFault::Ram));
         // A copy that has flipped is outvoted only while the two others are intact.
         self.start.set(start);
         match start.filter(|fault| fault.prevents_assistance()) {
@@ -207,11 +206,12 @@ impl<C: Control> Device<C> {
 
     /// True unless the reference pressure is zero and stays there until a request.
     pub fn is_armed(&self) -> bool {
-        let moving = |state: State| {
+        // As any copy has it: this is asked more often than a tick.
+        let mut copies = self.controller.memory().state.copies().iter();
+        copies.any(|state| {
             let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
             moves || state.pressure_ref_pa > 0.0
-        };
-        self.controller.memory().state.recall().is_none_or(moving)
+        })
     }
 
     fn opens_port(&self) -> bool {

@@ -133,6 +133,8 @@ pub(crate) fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
 pub struct Memory {
     /// Values of settings that were valid when they were stored here.
     pub settings: Voted<SettingsValues>,
+    /// What [`checksum`] makes of these settings, to tell them where the copies do not.
+    checksum: u32,
     /// The state after the last tick.
     pub state: Voted<State>,
 }
@@ -153,59 +155,83 @@ impl Memory {
     pub fn new(settings: Settings) -> Memory {
         Memory {
             settings: Voted::new(*settings.values()),
+            checksum: checksum(settings.values()),
             state: Voted::new(State::default()),
         }
     }
 
     /// Settings and state, as the copies tell. Where they do not, nothing is known and the state is
-    /// that of a controller that vents, from the pressure that the muscle has; with settings that
-    /// most copies agree on bit by bit.
+    /// that of a controller that vents, from the pressure that the muscle has; with the settings that
+    /// have the checksum.
     pub fn recall(&self) -> Recalled {
-        let (settings, state) = (self.settings.recall(), self.state.recall());
+        let (settings, settings_damaged) = self.settings.recall();
+        let (state, state_damaged) = self.state.recall();
         let is_known = settings.is_some();
-        let venting = State {
+        let venting = || State {
             mode: Mode::Venting,
             ..State::default()
         };
-        let mended = || mended(self.settings.copies());
+        let mended = || mended(self.settings.copies(), self.checksum);
         Recalled {
-            values: settings.or_else(mended).unwrap_or(*self.settings.get()),
-            state: state.filter(|_| is_known).unwrap_or(venting),
-            damaged: !(self.settings.is_intact() && self.state.is_intact()),
+            values: settings
+                .copied()
+                .or_else(mended)
+                .unwrap_or(*self.settings.get()),
+            state: state.filter(|_| is_known).copied().unwrap_or_else(venting),
+            damaged: settings_damaged || state_damaged,
         }
     }
 
-    /// Writes all copies, which repairs a damaged one.
-    pub fn store(&mut self, values: SettingsValues, state: State) {
-        self.settings.set(values);
+    /// Writes what is to be known in the next tick; `recalled` repairs what was damaged.
+    pub fn store(&mut self, recalled: &Recalled, state: State) {
+        // They change in no tick, and to write them takes a third of it.
+        if recalled.damaged {
+            self.settings.set(recalled.values);
+        }
         self.state.set(state);
     }
 
     /// Returns to the state at power-on, with the same settings.
     pub fn restart(&mut self) {
-        self.store(self.recall().values, State::default());
+        self.state.set(State::default());
     }
 }
 
-/// What most copies of settings agree on bit by bit, if that is valid.
+/// The settings that have this checksum: a copy, or what most copies agree on bit by bit.
 #[inline(never)]
-fn mended(copies: &[SettingsValues; COPIES]) -> Option<SettingsValues> {
+fn mended(copies: &[SettingsValues; COPIES], sum: u32) -> Option<SettingsValues> {
+    let is_right = |values: &&SettingsValues| checksum(values) == sum;
+    if let Some(values) = copies.iter().find(is_right) {
+        return Some(*values);
+    }
     let mut encoded = [[0; ENCODED_LEN_MAX]; COPIES];
     for (values, buffer) in copies.iter().zip(&mut encoded) {
         postcard::to_slice(values, buffer).ok()?;
     }
-    let mut mended = [0; ENCODED_LEN_MAX];
-    for (place, byte) in mended.iter_mut().enumerate() {
-        for bit in 0..8 {
-            let set = |copy: &&[u8; ENCODED_LEN_MAX]| {
-                copy.get(place).is_some_and(|byte| byte & (1 << bit) != 0)
-            };
-            let votes = encoded.iter().filter(set).count();
-            *byte |= u8::from(2 * votes > COPIES) << bit;
+    // Bits that are set in at least one, two and three copies.
+    let mut set = [[0; ENCODED_LEN_MAX]; 3];
+    let [one, two, three] = &mut set;
+    for copy in &encoded {
+        let bytes = one.iter_mut().zip(two.iter_mut()).zip(three.iter_mut());
+        for (((one, two), three), byte) in bytes.zip(copy) {
+            *three |= *two & byte;
+            *two |= *one & byte;
+            *one |= byte;
         }
     }
-    let (values, _) = postcard::take_from_bytes(&mended).ok()?;
-    Settings::new(values).is_ok().then_some(values)
+    let (values, _) = postcard::take_from_bytes(three).ok()?;
+    Some(values).filter(|values| is_right(&values))
+}
+
+/// FNV-1a (Fowler, Noll, Vo: draft-eastlake-fnv) of encoded settings. Each step is invertible, so
+/// that no change of a single byte leaves it as it is.
+#[inline(never)]
+fn checksum(values: &SettingsValues) -> u32 {
+    let mut buffer = [0; ENCODED_LEN_MAX];
+    // They fit.
+    let encoded = postcard::to_slice(values, &mut buffer).unwrap_or_default();
+    let step = |sum: u32, byte: &u8| (sum ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
+    encoded.iter().fold(0x811C_9DC5, step)
 }
 
 #[cfg(test)]
@@ -220,21 +246,18 @@ mod tests {
             pressure_ref_pa: 2e5,
             ..State::default()
         };
-        memory.store(*settings.values(), state);
+        memory.state.set(state);
         memory
     }
 
     #[test]
-    fn up_to_two_flipped_copies_are_outvoted_and_told() {
+    fn a_flipped_copy_is_outvoted_and_told() {
         let intact = assisting();
         assert!(!intact.recall().damaged);
-        for (one, other) in (0..COPIES).flat_map(|one| (one..COPIES).map(move |other| (one, other)))
-        {
+        for copy in 0..COPIES {
             let mut memory = intact;
-            for copy in [one, other] {
-                memory.state.copies_mut()[copy].mode = Mode::Ready;
-                memory.settings.copies_mut()[copy].gain = 1e3;
-            }
+            memory.state.copies_mut()[copy].mode = Mode::Ready;
+            memory.settings.copies_mut()[copy].gain = 1e3;
             let recalled = memory.recall();
             assert_eq!(recalled.state, *intact.state.get());
             assert_eq!(recalled.values, *intact.settings.get());
@@ -242,34 +265,46 @@ mod tests {
         }
     }
 
+    /// The same bits in two copies of the state, and other ones in all.
     #[test]
-    fn memory_of_which_nothing_is_known_is_that_of_a_controller_that_vents() {
+    fn a_state_of_which_nothing_is_known_is_that_of_a_controller_that_vents() {
         let venting = State {
             mode: Mode::Venting,
             ..State::default()
         };
-        let intact = assisting();
-        let mut memory = intact;
-        for (state, pressure_pa) in memory.state.copies_mut().iter_mut().zip([1e5, 3e5, 4e5]) {
-            state.pressure_ref_pa = pressure_pa;
+        for pressures_pa in [[4e5, 4e5, 2e5, 2e5], [1e5, 3e5, 4e5, 5e5]] {
+            let mut memory = assisting();
+            for (state, pressure_pa) in memory.state.copies_mut().iter_mut().zip(pressures_pa) {
+                state.pressure_ref_pa = pressure_pa;
+            }
+            let recalled = memory.recall();
+            assert_eq!((recalled.state, recalled.damaged), (venting, true));
         }
-        // Two still agree.
-        assert_eq!(memory.recall().state, *intact.state.get());
-        memory.state.copies_mut()[4].pressure_ref_pa = 5e5;
-        let recalled = memory.recall();
-        assert_eq!((recalled.state, recalled.damaged), (venting, true));
-        // Another bit in each copy.
+    }
+
+    /// The same bit in two or three copies of the settings, and another in each.
+    #[test]
+    fn settings_are_told_by_their_checksum() {
+        let intact = assisting();
+        for damaged in [2, 3] {
+            let mut memory = intact;
+            for values in memory.settings.copies_mut().iter_mut().take(damaged) {
+                values.gain = 1e3;
+            }
+            let recalled = memory.recall();
+            assert!(recalled.damaged);
+            // Three that agree are believed.
+            let is_right = recalled.values == *intact.settings.copies().last().unwrap();
+            assert_eq!(is_right, damaged == 2);
+        }
         let mut memory = intact;
-        let [a, b, c, d, e] = memory.settings.copies_mut();
-        (
-            a.gain,
-            b.gain,
-            c.load_kg,
-            d.suspect_ticks,
-            e.vent_rate_pa_per_s,
-        ) = (-20.0, 0.0, -1.0, 2, 0.0);
+        let [a, b, c, d] = memory.settings.copies_mut();
+        (a.gain, b.gain, c.load_kg, d.suspect_ticks) = (-20.0, 0.0, -1.0, 2);
         let recalled = memory.recall();
-        assert_eq!((recalled.state, recalled.damaged), (venting, true));
         assert_eq!(recalled.values, *intact.settings.get());
+        assert_eq!(
+            (recalled.state.mode, recalled.damaged),
+            (Mode::Venting, true)
+        );
     }
 }

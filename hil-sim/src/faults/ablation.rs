@@ -187,22 +187,23 @@ impl AblatedController {
 
 impl Control for AblatedController {
     fn tick(&mut self, sensors: &Sensors) -> Output {
+        let recalled = self.recall();
         let Recalled {
             values,
             state,
             damaged,
-        } = self.recall();
-        let mut limits = ReadingLimits::new(&values);
+        } = &recalled;
+        let mut limits = ReadingLimits::new(values);
         self.widen(&mut limits);
-        let (mut state, mut findings) = analyse(&values, &limits, &state, sensors);
-        findings.memory_damaged = damaged;
+        let (mut state, mut findings) = analyse(values, &limits, state, sensors);
+        findings.memory_damaged = *damaged;
         self.drop_findings(state.mode, &mut findings);
-        let decision = decide(&values, state.mode, &findings);
-        state.apply(&values, decision);
-        let mut target = Target::new(&values, &mut state, findings.contraction);
+        let decision = decide(values, state.mode, &findings);
+        state.apply(values, decision);
+        let mut target = Target::new(values, &mut state, findings.contraction);
         self.release(&mut state, &mut target);
-        let output = act(&values, &mut state, &target);
-        self.memory.store(values, state);
+        let output = act(values, &mut state, &target);
+        self.memory.store(&recalled, state);
         output
     }
 

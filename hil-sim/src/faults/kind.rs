@@ -747,7 +747,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the state",
         Damage(Memory::State, Copies::One),
-        &[0.0, 1.0, 2.0, 3.0, 4.0],
+        &[0.0, 1.0, 2.0, 3.0],
         "copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
@@ -755,7 +755,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the settings",
         Damage(Memory::Settings, Copies::One),
-        &[0.0, 1.0, 2.0, 3.0, 4.0],
+        &[0.0, 1.0, 2.0, 3.0],
         "copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
@@ -763,7 +763,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in two copies of the state",
         Damage(Memory::State, Copies::Two),
-        &[0.0, 1.0, 2.0, 3.0],
+        &[0.0, 1.0, 2.0],
         "first copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
@@ -779,7 +779,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in two copies of the settings",
         Damage(Memory::Settings, Copies::Two),
-        &[0.0, 1.0, 2.0, 3.0],
+        &[0.0, 1.0, 2.0],
         "first copy",
         Controller,
         latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
@@ -795,7 +795,7 @@ pub const KINDS: &[Kind] = &[
     kind(
         "bit flip in the source",
         Damage(Memory::Hil, Copies::One),
-        &[0.0, 1.0, 2.0, 3.0, 4.0],
+        &[0.0, 1.0, 2.0, 3.0],
         "copy",
         Controller,
         None,
