@@ -15,19 +15,14 @@ pub(super) const CHANGE_NOISES: f64 = 6.0;
 
 /// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
 /// an input, rows in which nothing has changed are rarer; with a reference there is one where that
-/// jumps by more than noise, or where the valve's cock changes. A cell without a sample has the next
-/// one before the next such row; a reference that goes on without a jump has its mean up to there,
-/// which no valve tells from it.
+/// or the valve's cock changes. A cell without a sample has the next one before the next such row.
 pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let time_s = record.time_s();
     let reference_pa = record.column(PRESSURE_REF_PA);
-    let jump_pa = CHANGE_NOISES * noise.pressure_pa;
-    let held = [(reference_pa, jump_pa), (record.column(VALVE_OPEN), 0.0)];
+    let held = [reference_pa, record.column(VALVE_OPEN)];
     let switches = |row: usize| {
-        let mut held = held.into_iter();
-        held.any(|(values, jump)| {
-            values.is_some_and(|values| (values[row] - values[row - 1]).abs() > jump)
-        })
+        let mut held = held.into_iter().flatten();
+        held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
     };
     let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
     let signals = signals.map(|name| (record.column(name), CHANGE_NOISES * noise.of(name)));
@@ -78,27 +73,10 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
                 let mut present = values[rows.clone()].iter().filter(|value| !value.is_nan());
                 present.next().copied().unwrap_or(f64::NAN)
             };
-            let mean = |rows: &Range<usize>| mean(time_s, values, rows).unwrap_or(first(rows));
-            let thinned = if name == PRESSURE_REF_PA {
-                stretches.iter().map(mean).collect()
-            } else {
-                stretches.iter().map(first).collect()
-            };
-            thin.set(name, thinned);
+            thin.set(name, stretches.iter().map(first).collect());
         }
     }
     thin
-}
-
-/// Mean of `values`, each of which holds until the next row, over some rows; none where one is
-/// missing, or at the end of the record.
-fn mean(time_s: &[f64], values: &[f64], rows: &Range<usize>) -> Option<f64> {
-    let whole_s = time_s.get(rows.end)? - time_s[rows.start];
-    let integral: f64 = rows
-        .clone()
-        .map(|row| values[row] * (time_s[row + 1] - time_s[row]))
-        .sum();
-    Some(integral / whole_s).filter(|mean| mean.is_finite())
 }
 
 #[cfg(test)]
