@@ -612,4 +612,35 @@ mod tests {
         // A weight is stopped by one step of the reference, or the next.
         assert!((static_n(refined[0]) - 12.0).abs() < 2.0, "{refined:?}");
     }
+
+    /// Twice the payload misses twice as much: a heavy weight is not more probable because pressures,
+    /// which are as noisy as ever, move it less.
+    #[test]
+    fn a_heavier_weight_is_not_rewarded() {
+        let rig = Rig::parse("rig.toml", Rig::REFERENCE_TOML).expect("a rig");
+        let time_s: Vec<f64> = (0..1000).map(|row| f64::from(row) * 0.01).collect();
+        let mut record = Record::new(time_s.clone());
+        let noise = |row: usize| (12.9 * row as f64).sin();
+        let pressure_pa = (0..1000).map(|row| 3e5 + 300.0 * noise(row));
+        record.set(PRESSURE_PA, pressure_pa.collect());
+        let contraction = time_s
+            .iter()
+            .zip(0..)
+            .map(|(time_s, row)| 0.1 + 0.01 * (2.0 * time_s).sin() + 3e-5 * noise(7 * row));
+        record.set(CONTRACTION, contraction.collect());
+        let model = MuscleModel::new(&rig, &[record], &[], &[]).expect("a model");
+        let load = model.blocks.iter().position(|block| *block == LOAD);
+        let mut candidates = model.candidates.iter();
+        let payload = candidates.position(|own| own.effect == "payload");
+        let (load, payload) = (load.expect("a load"), payload.expect("a payload"));
+        let nominal = vec![0.0; model.rig.tolerances.len()];
+        let missed = |mass_kg: f64| {
+            let residuals = model.residuals(0, load, &nominal, &[(payload, vec![mass_kg])]);
+            let residuals = residuals.expect("residuals").values;
+            residuals.iter().take(50).sum::<f64>() / 50.0
+        };
+        let (first, second) = (missed(12.0) - missed(6.0), missed(18.0) - missed(12.0));
+        assert!(first < -10.0, "{first}");
+        assert!((second / first - 1.0).abs() < 0.05, "{first}, {second}");
+    }
 }

@@ -102,6 +102,8 @@ struct Common<'a> {
 /// One place where the balance of forces is looked at.
 pub(super) struct Place {
     pub(super) kernel: Kernel,
+    /// Slope of the nominal muscle's force by pressure \[m²\].
+    pub(super) per_pressure_m2: f64,
     /// One over the standard deviation of the nominal balance's noise \[1/N\].
     pub(super) per_noise: f64,
     /// How far the mean pressure may be from that of straight lines between the rows \[Pa\].
@@ -501,7 +503,9 @@ impl Prepared {
         let mut kernels: Vec<Kernel> = wide.chain(narrow).collect();
         kernels.sort_by_key(Kernel::middle);
         let places = kernels.into_iter().map(|kernel| {
+            let muscle = &rig.nominal.muscle;
             let place = Place {
+                per_pressure_m2: muscle.force_per_pressure_m2(contraction[kernel.middle()]),
                 per_noise: 0.0,
                 pressure_doubt_pa: self.bent_pa(&kernel),
                 dip_per_s2: self.dip_per_s2(&kernel),
@@ -526,12 +530,10 @@ impl Prepared {
 
     /// `place` with how well its nominal balance is known.
     pub(super) fn weighed(&self, rig: &Rig, weight: &Weight, place: Place) -> Place {
-        let column = |name| self.measured.column(name).unwrap_or_default();
-        let muscle = &rig.nominal.muscle;
         let per_pressure_m2 = if self.force_read {
             0.0
         } else {
-            muscle.force_per_pressure_m2(column(CONTRACTION)[place.kernel.middle()])
+            place.per_pressure_m2
         };
         let noise_n = self.balance_noise_n(rig, weight, &place, per_pressure_m2);
         Place {

@@ -25,6 +25,8 @@ const STOP_PLACE: f64 = 1e-4;
 /// are far from those of any rig.
 const STEPS_PER_S: f64 = 300.0;
 const STEPS_PER_ROW: f64 = 4.0;
+/// A muscle whose force depends on pressure by so many times more or less is none of this rig.
+const SLOPE_RATIO: f64 = 4.0;
 /// Share of the nominal mass that a payload leaves at least: with less it is another rig's.
 const LEAST_SHARE_OF_MASS: f64 = 0.5;
 
@@ -354,12 +356,13 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> O
             ..load.weight
         };
         let per_pressure_m2 = forces[kernel.middle()].per_pressure_m2;
-        // Without a measured force the balance is of an acceleration: all forces may be small
-        // together.
+        // Without a measured force the balance is one of pressures: in a rig whose forces are all
+        // larger, noise of the pressure is as likely as in this one.
         let scale = if record.force_read {
             1.0
         } else {
-            weight.mass_kg / mass_kg
+            let ratio = per_pressure_m2 / place.per_pressure_m2;
+            ratio.clamp(SLOPE_RATIO.recip(), SLOPE_RATIO).recip()
         };
         Weighed {
             value: scale * balance_n,
