@@ -96,11 +96,11 @@ fn without_a_command_the_options_of_paper_apply() {
 fn a_case_of_the_fault_campaign_is_printed_as_text_or_json() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path();
-    let args = ["faults", "--case", "1139"];
+    let args = ["faults", "--case", "1138"];
     let words = stdout(path, &args);
     assert!(words.contains("It violates none of its bounds."), "{words}");
     let outcome = json(path, &[&args[..], &["--json"]].concat());
-    assert_eq!(outcome["case"], 1139);
+    assert_eq!(outcome["case"], 1138);
     let fault = outcome["fault"].as_str().expect("a name");
     let reason = outcome["reason"].as_str().expect("a fault that latches");
     let latched = format!(
@@ -113,7 +113,7 @@ fn a_case_of_the_fault_campaign_is_printed_as_text_or_json() {
     for shown in [fault, &latched, &highest, &bound] {
         assert!(words.contains(shown), "{shown}: {words}");
     }
-    assert!(path.join("out/fault-1139.csv").exists());
+    assert!(path.join("out/fault-1138.csv").exists());
     // The wire of the emergency stop breaks, and nothing sees it.
     let output = hil_sim(
         path,
