@@ -13,14 +13,15 @@ cd "$root"
 built=${CARGO_TARGET_DIR:-$root/target}
 board_built=${CARGO_TARGET_DIR:-$root/tests/board/target}
 
-step '1 of 4, cross-compiling: half a minute the first time'
+step '1 of 3, cross-compiling: half a minute the first time'
 toolchain=$(scripts/setup-cross.sh)
-step '2 of 4, the firmware'
-(eval "$toolchain" && cargo firmware)
-step '3 of 4, the emulated board: a minute or two the first time'
+step '2 of 3, the firmware and the emulated board: two minutes or three the first time'
+(eval "$toolchain" && cargo firmware) &
+firmware=$!
 scripts/board-engine.sh
 (cd tests/board && cargo build --release --bin emulated-board)
-step '4 of 4, the simulator: a minute or two the first time'
+wait "$firmware"
+step '3 of 3, the simulator: a minute or two the first time'
 # Without the optimisation of a release, which takes longer than all the rest, serial ports and
 # MATLAB; but if there is a release, as that.
 profile=quick options=(--no-default-features --features terminal)
