@@ -11,7 +11,7 @@ use hil_sim::faults::{Case, Moment};
 use model_core::controller::{Control, Controller};
 use model_core::io::Sensors;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::supervisor::{Fault, Mode};
+use model_core::supervisor::Mode;
 use muscle_plant::effects::Catalogue;
 use muscle_plant::effects::Effect;
 use muscle_plant::nominal::Load;
