@@ -300,7 +300,8 @@ const ARGUMENTS: [Wrong; 17] = [
         || br#""explained""#.into(),
         "compare wrong wrong",
         "wrong:1: expected a diagnosis (what `hil-sim diagnose --out` wrote), invalid type: string \
-         \"explained\", expected an object with schema, verdict, effects and gap at line 1 column 11",
+         \"explained\", expected an object with schema, verdict, effects and gap at line 1 \
+         column 11",
     ),
     (
         Vec::new,

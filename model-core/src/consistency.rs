@@ -60,8 +60,8 @@ impl PressureFollower {
 /// Eq 5 as a test: the residual of M L ε̈ = F(P, ε) − M g, averaged over a tenth of a second. And
 /// the speed of the weight.
 ///
-/// Both are taken over the ticks that have passed, of which some may have been missed. The tolerance
-/// of the residual includes friction and damping.
+/// Both are taken over the ticks that have passed, of which some may have been missed. The
+/// tolerance of the residual includes friction and damping.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ForceBalance {
     /// What was read last.

@@ -161,8 +161,8 @@ impl Memory {
     }
 
     /// Settings and state, as the copies tell. Where they do not, nothing is known and the state is
-    /// that of a controller that vents, from the pressure that the muscle has; with the settings that
-    /// have the checksum.
+    /// that of a controller that vents, from the pressure that the muscle has; with the settings
+    /// that have the checksum.
     pub fn recall(&self) -> Recalled {
         let (settings, settings_damaged) = self.settings.recall();
         let (state, state_damaged) = self.state.recall();

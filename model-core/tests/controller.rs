@@ -840,8 +840,8 @@ fn ticks_that_are_missed_do_not_look_like_an_acceleration() {
     assert!(!balance_of_a_swing(|tick| tick % 2 == 0));
 }
 
-/// The first fault of a bench whose weight moves by `step` in a tick, and how many ticks have passed
-/// until then; of `of` ticks one is missed. The pressure is that of the weight in balance.
+/// The first fault of a bench whose weight moves by `step` in a tick, and how many ticks have
+/// passed until then; of `of` ticks one is missed. The pressure is that of the weight in balance.
 fn fault_with_missed_ticks(step: f32, of: u32) -> Option<(Fault, u32)> {
     let mut bench = lifted();
     let mut missed_ticks = 0;

@@ -1,8 +1,8 @@
 //! The supervisor over all of its abstract inputs: each status of each sensor, each request, each
 //! finding, and both sides of each limit, in each mode.
 //!
-//! Assumed: a limit is only compared with, so that its two sides stand for all numbers; contraction,
-//! and the pressure that an experiment asks for, decide nothing.
+//! Assumed: a limit is only compared with, so that its two sides stand for all numbers;
+//! contraction, and the pressure that an experiment asks for, decide nothing.
 
 use model_core::io::Request;
 use model_core::limits::PLAY_SILENCE_TICKS;
@@ -177,8 +177,8 @@ fn every_decision_holds_and_the_modes_are_as_drawn() {
                 scope.spawn(move || {
                     let mut ways: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
                     let inputs = for_all(|values, findings| {
-                        // A fault is latched while venting only: its beginning enters that mode, and
-                        // its reset is the only way out.
+                        // A fault is latched while venting only: its beginning enters that mode,
+                        // and its reset is the only way out.
                         if findings.latched && mode != Mode::Venting {
                             return;
                         }

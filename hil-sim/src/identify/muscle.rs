@@ -613,8 +613,8 @@ mod tests {
         assert!((static_n(refined[0]) - 12.0).abs() < 2.0, "{refined:?}");
     }
 
-    /// Twice the payload misses twice as much: a heavy weight is not more probable because pressures,
-    /// which are as noisy as ever, move it less.
+    /// Twice the payload misses twice as much: a heavy weight is not more probable because
+    /// pressures, which are as noisy as ever, move it less.
     #[test]
     fn a_heavier_weight_is_not_rewarded() {
         let rig = Rig::parse("rig.toml", Rig::REFERENCE_TOML).expect("a rig");
