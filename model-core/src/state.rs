@@ -184,7 +184,7 @@ impl Memory {
 
     /// Writes what is to be known in the next tick; `recalled` repairs what was damaged.
     pub fn store(&mut self, recalled: &Recalled, state: State) {
-        // They change in no tick, and to write them takes a third of it.
+        // They change in no tick: only damage asks for writing them.
         if recalled.damaged {
             self.settings.set(recalled.values);
         }

@@ -226,6 +226,25 @@ fn bridge(fault: Fault) -> bool {
     matches!(fault, Fault::Bridge(_))
 }
 
+/// Bit flips in copies of what the controller knows, which it must notice in the next tick.
+const fn flips(
+    name: &'static str,
+    memory: Memory,
+    copies: Copies,
+    sizes: &'static [f64],
+    unit: &'static str,
+) -> Kind {
+    let noticed = latched(|_| 0.02, IN_USE, |fault| matches!(fault, Fault::Memory));
+    kind(
+        name,
+        Damage(memory, copies),
+        sizes,
+        unit,
+        Controller,
+        noticed,
+    )
+}
+
 /// The bridge, or the motion of the weight that its fault causes.
 fn bridge_or_weight(fault: Fault) -> bool {
     bridge(fault) || weight(fault)
@@ -744,53 +763,47 @@ pub const KINDS: &[Kind] = &[
         None,
     ),
     kind("power lost", PowerLost, &[0.02, 0.5], "s", DOWN, None),
-    kind(
+    flips(
         "bit flip in the state",
-        Damage(Memory::State, Copies::One),
+        Memory::State,
+        Copies::One,
         &[0.0, 1.0, 2.0, 3.0],
         "copy",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
-    kind(
+    flips(
         "bit flip in the settings",
-        Damage(Memory::Settings, Copies::One),
+        Memory::Settings,
+        Copies::One,
         &[0.0, 1.0, 2.0, 3.0],
         "copy",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
-    kind(
+    flips(
         "bit flip in two copies of the state",
-        Damage(Memory::State, Copies::Two),
+        Memory::State,
+        Copies::Two,
         &[0.0, 1.0, 2.0],
         "first copy",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
-    kind(
+    flips(
         "bit flips in all copies of the state",
-        Damage(Memory::State, Copies::All),
+        Memory::State,
+        Copies::All,
         &[0.0],
         "",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
-    kind(
+    flips(
         "bit flip in two copies of the settings",
-        Damage(Memory::Settings, Copies::Two),
+        Memory::Settings,
+        Copies::Two,
         &[0.0, 1.0, 2.0],
         "first copy",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
-    kind(
+    flips(
         "bit flips in all copies of the settings",
-        Damage(Memory::Settings, Copies::All),
+        Memory::Settings,
+        Copies::All,
         &[0.0],
         "",
-        Controller,
-        latched(|_| 0.02, IN_USE, |fault| fault == Fault::Memory),
     ),
     kind(
         "bit flip in the source",
