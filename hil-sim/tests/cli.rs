@@ -115,8 +115,8 @@ fn a_case_of_the_fault_campaign_is_printed_as_text_or_json() {
         assert!(words.contains(shown), "{shown}: {words}");
     }
     assert!(path.join("out/fault-1138.csv").exists());
-    // The emergency stop is pressed, and nothing sees it. Found by its name, as the numbers of cases
-    // change with the kinds of faults.
+    // The emergency stop is pressed, and nothing sees it. Found by its name, as the numbers of
+    // cases change with the kinds of faults.
     let pressed = KINDS
         .iter()
         .position(|kind| kind.name == "emergency stop pressed")
