@@ -304,13 +304,7 @@ pub fn diagnose(
     watch(Step::Stage("intervals and simulations", 0));
     let estimated = engine.estimated(&selection.named);
     let taken = estimated.as_ref().unwrap_or(&selection.named);
-    let nominal = if selection.verdict == Verdict::Unexplained {
-        // What is unknown must not be taken up by nominal values.
-        let weights = engine.nominal_beside_unknown(&selection.null);
-        weights.unwrap_or_else(|| vec![0.0; rig.tolerances.len()])
-    } else {
-        model.refined(&taken.fit.nominal, &taken.fit.effects)
-    };
+    let nominal = nominal_of(&engine, &selection, taken);
     let fitted = model.fitted(&nominal, &taken.fit.effects);
     let effects = named(&engine, &selection, taken);
     clock.lap("intervals");
@@ -421,6 +415,19 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
         ));
     }
     warnings
+}
+
+/// The deviations of the nominal values of the rig that is written, in standard deviations.
+fn nominal_of(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<f64> {
+    let model = engine.model;
+    let nominal = if selection.verdict == Verdict::Unexplained {
+        // What is unknown must not be taken up by nominal values.
+        let weights = engine.nominal_beside_unknown(&selection.null);
+        weights.unwrap_or_else(|| vec![0.0; taken.fit.nominal.len()])
+    } else {
+        model.refined(&taken.fit.nominal, &taken.fit.effects)
+    };
+    model.with_static_friction_above_coulomb(nominal)
 }
 
 fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {

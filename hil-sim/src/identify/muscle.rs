@@ -55,6 +55,9 @@ const BASE_SHARE: f64 = 2.5e-3;
 
 /// The nominal value that is refined on simulations.
 const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
+const COULOMB_FRICTION: (&str, &str) = ("load", "coulomb_friction_n");
+/// Share of a value beyond its rounding errors.
+const ROUNDING: f64 = 1e-12;
 /// Steps to either side, and their sizes in standard deviations of the tolerance, in which it is
 /// refined: first within three of the nominal value, then as fine as it is known.
 const REFINING_REACH: i32 = 6;
@@ -291,6 +294,41 @@ impl MuscleModel {
             Load::Weight(weight) => weight.static_friction_n >= weight.coulomb_friction_n,
             Load::Prescribed => false,
         }
+    }
+
+    /// `nominal` with a static friction that is not below the Coulomb friction, or, if only that
+    /// has a tolerance, a Coulomb friction that is not above the static one: each is fitted for
+    /// itself, and a weight that breaks away below its Coulomb friction stops at once, without end.
+    pub fn with_static_friction_above_coulomb(&self, mut nominal: Vec<f64>) -> Vec<f64> {
+        let Load::Weight(fitted) = self.fitted(&nominal, []).nominal.load else {
+            return nominal;
+        };
+        if self.above_coulomb(&nominal) {
+            return nominal;
+        }
+        let to_n = [
+            (
+                STATIC_FRICTION,
+                (1.0 + ROUNDING) * fitted.coulomb_friction_n,
+            ),
+            (
+                COULOMB_FRICTION,
+                (1.0 - ROUNDING) * fitted.static_friction_n,
+            ),
+        ];
+        let mut rig = self.rig.clone();
+        for ((section, key), to_n) in to_n {
+            let tolerances = self.rig.tolerances.iter();
+            let own = tolerances.zip(&mut nominal).find(|(tolerance, _)| {
+                (&tolerance.section[..], &tolerance.key[..]) == (section, key)
+            });
+            if let (Some((tolerance, deviation)), Some(value)) = (own, rig.value_mut(section, key))
+            {
+                *deviation = (to_n / *value - 1.0) / tolerance.relative_sigma;
+                break;
+            }
+        }
+        nominal
     }
 
     /// The nominal values that `nominal` moves.
@@ -611,6 +649,47 @@ mod tests {
         let refined = model.refined(&[1.7], &[]);
         // A weight is stopped by one step of the reference, or the next.
         assert!((static_n(refined[0]) - 12.0).abs() < 2.0, "{refined:?}");
+    }
+
+    /// Each friction is fitted for itself, here to a Coulomb friction of 9 N and a static one of
+    /// 3.5 N: the rig that is written can be read and simulated.
+    #[test]
+    fn no_static_friction_stays_below_the_coulomb_friction() {
+        let both = "static_friction_n = 0.5\ncoulomb_friction_n = 0.5\n";
+        let only_coulomb = "coulomb_friction_n = 0.5\n";
+        for (tolerances, static_n) in [(both, 9.0), (only_coulomb, 7.0)] {
+            let text = format!("{}\n[tolerance.load]\n{tolerances}", Rig::REFERENCE_TOML);
+            let rig = Rig::parse("rig.toml", &text).expect("a rig");
+            let mut record = Record::new((0..200).map(|row| 0.01 * f64::from(row)).collect());
+            record.set(PRESSURE_PA, vec![3e5; 200]);
+            record.set(CONTRACTION, vec![0.1; 200]);
+            let model = MuscleModel::new(&rig, &[record], &[], &[]).expect("a model");
+            let moved = rig
+                .tolerances
+                .iter()
+                .map(|tolerance| match &tolerance.key[..] {
+                    "static_friction_n" => -1.0,
+                    _ => 2.0,
+                });
+            let moved: Vec<f64> = moved.collect();
+            assert!(!model.above_coulomb(&moved));
+            let nominal = model.with_static_friction_above_coulomb(moved);
+            assert!(model.above_coulomb(&nominal));
+            let Load::Weight(weight) = model.fitted(&nominal, []).nominal.load else {
+                panic!("a weight");
+            };
+            assert!(
+                (weight.static_friction_n - static_n).abs() < 1e-9,
+                "{weight:?}"
+            );
+            assert!(
+                (weight.coulomb_friction_n - static_n).abs() < 1e-9,
+                "{weight:?}"
+            );
+            // What needed no change has none.
+            let again = model.with_static_friction_above_coulomb(nominal.clone());
+            assert_eq!(again, nominal);
+        }
     }
 
     /// Twice the payload misses twice as much: a heavy weight is not more probable because
