@@ -7,15 +7,15 @@ set -euo pipefail
 cd "$(dirname "$0")"
 inputs=${1:-10000000}
 shift || true
-flags='--cfg fuzzing -Cpasses=sancov-module -Ccodegen-units=1'
+flags='--cfg fuzzing -Cpasses=sancov-module'
 for option in level=4 inline-8bit-counters pc-table trace-compares; do
     flags+=" -Cllvm-args=-sanitizer-coverage-$option"
 done
 # With a target named, build scripts are not instrumented.
 host=$(rustc -vV | sed -n 's/^host: //p')
-RUSTFLAGS=$flags cargo build --release --target "$host" >&2
 [ $# -gt 0 ] || set -- link settings pipe record mcap rig \
     import import-hdf5 import-log import-matlab import-ros import-sheet
+RUSTFLAGS=$flags cargo build --release --target "$host" "${@/#/--bin=}" >&2
 for name in "$@"; do
     mkdir -p "target/corpus/$name"
     printf '%s: ' "$name"
@@ -25,7 +25,7 @@ for name in "$@"; do
         rig) max_len=1024 ;;
         import-ros) max_len=512 ;;
         import-sheet) max_len=1024 ;;
-        import*) max_len=20000 ;;
+        import*) max_len=2048 ;;
         *) max_len=4096 ;;
     esac
     "target/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \

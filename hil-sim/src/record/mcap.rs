@@ -8,17 +8,17 @@ use crate::record::columns::{COLUMNS, Cell, Column};
 use crate::record::{self, Record, TIME_S};
 use mcap::parse_record;
 use mcap::records::{MessageHeader, Metadata, Record as McapRecord, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use mcap::{McapError, WriteOptions, Writer};
+use mcap::{MAGIC, McapError, WriteOptions, Writer};
 use serde_json::{Map, Value, json};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter, Read};
 use std::path::Path;
 use std::time::Duration;
 
-/// Longest MCAP record that is read, above any chunk that [`McapWriter`] writes \[bytes\].
-const RECORD_LEN_MAX: usize = 1 << 26;
+/// Most bytes of a chunk that are unpacked, above any that MCAP's writers make.
+const CHUNK_LEN_MAX: usize = 1 << 26;
 /// Length of an MCAP record's opcode and length \[bytes\].
 const RECORD_HEADER_LEN: usize = 9;
 /// The channel's name.
@@ -254,45 +254,137 @@ pub(super) fn each_record(
     unpacked_max: usize,
     mut take: impl FnMut(McapRecord) -> Result<(), BadInput>,
 ) -> Result<Option<String>, BadInput> {
-    let options = LinearReaderOptions::default()
-        .with_skip_end_magic(true)
-        // Without a limit the crate's arithmetic on a damaged length may overflow.
-        .with_record_length_limit(RECORD_LEN_MAX);
-    let mut reader = LinearReader::new_with_options(options);
-    let (mut rest, mut begun, mut unpacked) = (bytes, false, 0_usize);
-    while let Some(event) = reader.next_event() {
-        let record = match event {
-            Ok(LinearReadEvent::ReadRequest(len)) => {
-                let (next, later) = rest.split_at(len.min(rest.len()));
-                reader.insert(next.len()).copy_from_slice(next);
-                reader.notify_read(next.len());
-                rest = later;
-                continue;
-            }
-            Ok(LinearReadEvent::Record { data, opcode }) => {
-                unpacked = unpacked.saturating_add(RECORD_HEADER_LEN + data.len());
-                if unpacked > unpacked_max {
-                    let expected = format!("at most {unpacked_max} unpacked bytes, found more");
-                    return Err(BadInput::file(name, expected));
-                }
-                match opcode {
-                    op::SCHEMA | op::CHANNEL | op::MESSAGE => parse_record(opcode, data).map(Some),
-                    // Attachments are not needed, and the crate panics at one that is too short.
-                    _ => Ok(None),
-                }
-            }
-            Err(error) => Err(error),
-        };
-        match record {
-            Ok(record) => record.map_or(Ok(()), &mut take)?,
-            Err(error) if !begun => {
-                return Err(BadInput::file(name, format!("an MCAP file, {error}")));
-            }
-            Err(error) => return Ok(Some(error.to_string())),
+    let Some(records) = bytes.strip_prefix(MAGIC) else {
+        return Err(BadInput::file(name, "an MCAP file, found none"));
+    };
+    let mut reader = RecordReader {
+        name,
+        unpacked_max,
+        unpacked: 0,
+    };
+    match reader.each(records, false, &mut take) {
+        Ok(()) => Ok(None),
+        Err(End::Bad(error)) => Err(error),
+        Err(End::Damaged(error)) if reader.unpacked == 0 => {
+            Err(BadInput::file(name, format!("an MCAP file, {error}")))
         }
-        begun = true;
+        Err(End::Damaged(error)) => Ok(Some(error)),
     }
-    Ok(None)
+}
+
+/// Why a file is not read any further.
+enum End {
+    /// It is damaged there, in words.
+    Damaged(String),
+    Bad(BadInput),
+}
+
+/// Reads records one after another. The crate's own reader does not end in a chunk whose packed
+/// bytes end too early.
+struct RecordReader<'a> {
+    name: &'a str,
+    unpacked_max: usize,
+    /// Bytes of the records so far.
+    unpacked: usize,
+}
+
+impl RecordReader<'_> {
+    fn each(
+        &mut self,
+        mut bytes: &[u8],
+        in_chunk: bool,
+        take: &mut dyn FnMut(McapRecord) -> Result<(), BadInput>,
+    ) -> Result<(), End> {
+        let early = || End::Damaged("it ends within a record".into());
+        while let Some((opcode, rest)) = bytes.split_first() {
+            let (length, rest) = rest.split_first_chunk().ok_or_else(early)?;
+            let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+            let (body, rest) = rest.split_at_checked(length).unwrap_or((rest, &[]));
+            let is_whole = body.len() == length;
+            match *opcode {
+                // Of one that is cut off what there is.
+                op::CHUNK if !in_chunk => {
+                    let most = CHUNK_LEN_MAX.min(self.unpacked_max - self.unpacked);
+                    let chunk = Chunk::new(body).ok_or_else(early)?;
+                    let (records, end) = chunk.unpacked(most);
+                    if records.len() > most {
+                        return Err(self.too_many());
+                    }
+                    self.each(&records, true, take)?;
+                    end.map_err(|error| End::Damaged(format!("a chunk is not unpacked, {error}")))?;
+                }
+                _ if !is_whole => {}
+                op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+                    self.count(body.len())?;
+                    let record = parse_record(*opcode, body);
+                    let record = record.map_err(|error| End::Damaged(error.to_string()))?;
+                    take(record).map_err(End::Bad)?;
+                }
+                op::FOOTER => break,
+                // A chunk has no chunks. Attachments are not needed, and the crate panics at one
+                // that is too short.
+                _ => self.count(body.len())?,
+            }
+            if !is_whole {
+                return Err(early());
+            }
+            bytes = rest;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, length: usize) -> Result<(), End> {
+        self.unpacked = self.unpacked.saturating_add(RECORD_HEADER_LEN + length);
+        if self.unpacked > self.unpacked_max {
+            return Err(self.too_many());
+        }
+        Ok(())
+    }
+
+    fn too_many(&self) -> End {
+        let most = self.unpacked_max;
+        let expected = format!("at most {most} unpacked bytes, found more");
+        End::Bad(BadInput::file(self.name, expected))
+    }
+}
+
+/// Packed records.
+struct Chunk<'a> {
+    compression: &'a [u8],
+    data: &'a [u8],
+}
+
+impl<'a> Chunk<'a> {
+    /// That of a record's body, of which the end may be cut off.
+    fn new(body: &'a [u8]) -> Option<Chunk<'a>> {
+        // Two times, the unpacked size and its checksum.
+        let (_, rest) = body.split_at_checked(8 + 8 + 8 + 4)?;
+        let (length, rest) = rest.split_first_chunk()?;
+        let length = usize::try_from(u32::from_le_bytes(*length)).ok()?;
+        let (compression, rest) = rest.split_at_checked(length)?;
+        let (length, data) = rest.split_first_chunk()?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+        let data = &data[..length.min(data.len())];
+        Some(Chunk { compression, data })
+    }
+
+    /// Its first `most` bytes and one more, up to where they cannot be unpacked.
+    fn unpacked(&self, most: usize) -> (Cow<'a, [u8]>, io::Result<()>) {
+        let mut records = Vec::new();
+        let reader: io::Result<Box<dyn Read>> = match self.compression {
+            b"" => return (Cow::Borrowed(self.data), Ok(())),
+            #[cfg(feature = "formats")]
+            b"lz4" => lz4::Decoder::new(self.data).map(|reader| Box::new(reader) as _),
+            #[cfg(feature = "formats")]
+            b"zstd" => zstd::Decoder::new(self.data).map(|reader| Box::new(reader) as _),
+            _ => Err(io::ErrorKind::Unsupported.into()),
+        };
+        let end = reader.and_then(|reader| {
+            let read = reader.take(most as u64 + 1).read_to_end(&mut records);
+            read.map(|_| ())
+        });
+        (Cow::Owned(records), end)
+    }
 }
 
 /// The messages on [`TOPIC`]. An incomplete chunk ends the file.

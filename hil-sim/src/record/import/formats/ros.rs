@@ -26,7 +26,9 @@ impl Definition {
     /// # Errors
     /// What was expected.
     pub fn parse(name: &str, text: &str) -> Result<Definition, String> {
-        let schema = MessageSchema::parse(&short(name), text);
+        // Texts are not read, and the crate panics at one that is a single quotation mark.
+        let unquoted = text.replace(['"', '\''], "_");
+        let schema = MessageSchema::parse(&short(name), &unquoted);
         let schema = schema.map_err(|error| format!("a definition of {name}, {error:#}"))?;
         let parts = schema.dependencies.into_iter().map(|mut part| {
             part.name = short(&part.name);
