@@ -25,7 +25,7 @@ for name in "$@"; do
         rig) max_len=1024 ;;
         import-ros) max_len=512 ;;
         import-sheet) max_len=1024 ;;
-        import*) max_len=2048 ;;
+        import*) max_len=20000 ;;
         *) max_len=4096 ;;
     esac
     "target/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \
