@@ -55,9 +55,6 @@ const BASE_SHARE: f64 = 2.5e-3;
 
 /// The nominal value that is refined on simulations.
 const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
-const COULOMB_FRICTION: (&str, &str) = ("load", "coulomb_friction_n");
-/// Share of a value beyond its rounding errors.
-const ROUNDING: f64 = 1e-12;
 /// Steps to either side, and their sizes in standard deviations of the tolerance, in which it is
 /// refined: first within three of the nominal value, then as fine as it is known.
 const REFINING_REACH: i32 = 6;
@@ -89,6 +86,11 @@ pub struct MuscleModel {
     nominal_blocks: Vec<Vec<usize>>,
     candidates: Vec<Candidate>,
 }
+
+/// The nominal value that the refined one must not be below.
+const COULOMB_FRICTION: (&str, &str) = ("load", "coulomb_friction_n");
+/// Share of a value beyond its rounding errors.
+const ROUNDING: f64 = 1e-12;
 
 /// By which factor a nominal value moves with so many of its standard deviations: never through 0,
 /// where a heat transfer or a friction would drive the plant.
@@ -254,8 +256,7 @@ impl MuscleModel {
     /// weight stops in a simulation does.
     pub fn refined(&self, nominal: &[f64], effects: &[Active]) -> Vec<f64> {
         let mut refined = nominal.to_vec();
-        let is_static = |t: &Tolerance| (&t.section[..], &t.key[..]) == STATIC_FRICTION;
-        let place = self.rig.tolerances.iter().position(is_static);
+        let place = self.toleranced(STATIC_FRICTION);
         let load = self.blocks.iter().position(|block| *block == LOAD);
         let (Some(place), Some(load)) = (place, load) else {
             return refined;
@@ -300,35 +301,33 @@ impl MuscleModel {
     /// has a tolerance, a Coulomb friction that is not above the static one: each is fitted for
     /// itself, and a weight that breaks away below its Coulomb friction stops at once, without end.
     pub fn with_static_friction_above_coulomb(&self, mut nominal: Vec<f64>) -> Vec<f64> {
-        let Load::Weight(fitted) = self.fitted(&nominal, []).nominal.load else {
+        let loads = [
+            self.rig.nominal.load,
+            self.fitted(&nominal, []).nominal.load,
+        ];
+        let [Load::Weight(from), Load::Weight(fitted)] = loads else {
             return nominal;
         };
-        if self.above_coulomb(&nominal) {
+        if fitted.static_friction_n >= fitted.coulomb_friction_n {
             return nominal;
         }
-        let to_n = [
-            (
-                STATIC_FRICTION,
-                (1.0 + ROUNDING) * fitted.coulomb_friction_n,
-            ),
-            (
-                COULOMB_FRICTION,
-                (1.0 - ROUNDING) * fitted.static_friction_n,
-            ),
-        ];
-        let mut rig = self.rig.clone();
-        for ((section, key), to_n) in to_n {
-            let tolerances = self.rig.tolerances.iter();
-            let own = tolerances.zip(&mut nominal).find(|(tolerance, _)| {
-                (&tolerance.section[..], &tolerance.key[..]) == (section, key)
-            });
-            if let (Some((tolerance, deviation)), Some(value)) = (own, rig.value_mut(section, key))
-            {
-                *deviation = (to_n / *value - 1.0) / tolerance.relative_sigma;
-                break;
-            }
+        let mut set = |place: usize, share: f64| {
+            nominal[place] = (share - 1.0) / self.rig.tolerances[place].relative_sigma;
+        };
+        if let Some(place) = self.toleranced(STATIC_FRICTION) {
+            let to_n = (1.0 + ROUNDING) * fitted.coulomb_friction_n;
+            set(place, to_n / from.static_friction_n);
+        } else if let Some(place) = self.toleranced(COULOMB_FRICTION) {
+            let to_n = (1.0 - ROUNDING) * fitted.static_friction_n;
+            set(place, to_n / from.coulomb_friction_n);
         }
         nominal
+    }
+
+    /// Where a nominal value stands among those with a tolerance.
+    fn toleranced(&self, value: (&str, &str)) -> Option<usize> {
+        let mut tolerances = self.rig.tolerances.iter();
+        tolerances.position(|own| (&own.section[..], &own.key[..]) == value)
     }
 
     /// The nominal values that `nominal` moves.
