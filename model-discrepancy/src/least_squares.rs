@@ -21,6 +21,8 @@ const INNER_COST: f64 = 1e-4;
 const INNER_SHARE: f64 = 1e-3;
 /// The same where nothing may be left.
 const EXACT_COST: f64 = 1e-14;
+/// Change of a single coordinate below which it is where the cost is least.
+const EXACT_STEP: f64 = 1e-12;
 /// Points of a line search, and the share of the first slope that is left where it ends.
 const SEARCH: usize = 30;
 const LEVEL: f64 = 0.05;
@@ -319,9 +321,62 @@ impl Linearized<'_> {
     /// The same to the last digit, for what difference quotients are taken of, and with no
     /// coordinate beyond `most` either way; each needs a prior.
     pub fn exact_minimum(&self, most: f64) -> DVector<f64> {
+        if self.priors.len() == 1 {
+            return DVector::from_element(1, self.minimum_of_one(most));
+        }
         let exact = |rest: &Linearized| rest.minimum_within(EXACT_COST, 0.0, true);
         let none = DVector::zeros(self.priors.len());
         self.bounded(&none, |x| x.map(|x| x.clamp(-most, most)), exact)
+    }
+
+    /// The same of a single coordinate: where the slope of the cost, which grows with it, is 0, by
+    /// Newton's steps within a bracket.
+    fn minimum_of_one(&self, most: f64) -> f64 {
+        let (mut low, mut high) = (-most, most);
+        let mut place = 0.0_f64;
+        for _ in 0..INNER {
+            let (slope, curvature) = self.slope_of_one(place);
+            if slope > 0.0 {
+                high = place;
+            } else {
+                low = place;
+            }
+            let newton = (place - slope / curvature).clamp(-most, most);
+            let outside = newton < low || newton > high;
+            let next = if outside { 0.5 * (low + high) } else { newton };
+            if !next.is_finite() || (next - place).abs() <= EXACT_STEP * (1.0 + place.abs()) {
+                break;
+            }
+            place = next;
+        }
+        place
+    }
+
+    /// Slope and curvature of cost and damping at a place of the only coordinate.
+    fn slope_of_one(&self, place: f64) -> (f64, f64) {
+        let (residual, of_prior) = self.priors[0];
+        let mut slope = of_prior * (residual + of_prior * place) + self.damping[0] * place;
+        let mut curvature = of_prior * of_prior + self.damping[0];
+        let rows = self.residuals.values.iter().zip(&self.residuals.slack);
+        let slopes = self.slopes.values.iter().zip(&self.slopes.slack);
+        for ((value, slack), (by_value, by_slack)) in rows.zip(slopes) {
+            let slack = slack + place * by_slack;
+            let beyond = outside(value + place * by_value, slack);
+            if beyond == 0.0 {
+                continue;
+            }
+            let widening = if slack < 0.0 { 0.0 } else { *by_slack };
+            let along = if beyond < 0.0 {
+                by_value + widening
+            } else {
+                by_value - widening
+            };
+            slope += beyond.clamp(-OUTLIER, OUTLIER) * along;
+            if beyond.abs() <= OUTLIER {
+                curvature += along * along;
+            }
+        }
+        (slope, curvature)
     }
 
     /// Until a step gains less than `cost` and this share of all that was gained. With the loss's
@@ -661,6 +716,40 @@ mod tests {
                 let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
                 assert!(slope.abs() < 0.1, "{amplitude}, {place}: {slope}");
             }
+        }
+    }
+
+    /// The same as with a second coordinate that does nothing, within bounds and at them.
+    #[test]
+    fn an_exact_minimum_of_one_coordinate_is_that_of_two() {
+        let line = Line::new();
+        for (amplitude, shift) in [(1.0, 0.0), (40.0, 3.0), (400.0, -20.0), (1.0, 900.0)] {
+            let wave = |row: usize| amplitude * (0.3 * row as f64).cos() + shift;
+            let rows = line.rows.len();
+            let residuals = Residuals {
+                values: (0..rows).map(wave).collect(),
+                slack: (0..rows).map(|row| 0.2 * (row % 4) as f64).collect(),
+            };
+            let minimum = |columns: usize| {
+                let of = |size: f64| move |_, place| if place == 0 { size } else { 0.0 };
+                let slopes = Slopes {
+                    values: DMatrix::from_fn(rows, columns, of(2.0)),
+                    slack: DMatrix::from_fn(rows, columns, of(0.1)),
+                };
+                let linearized = Linearized {
+                    residuals: &residuals,
+                    slopes: &slopes,
+                    priors: &vec![(0.3, 1.0); columns],
+                    damping: DVector::zeros(columns),
+                };
+                linearized.exact_minimum(3.0)[0]
+            };
+            assert!(
+                (minimum(1) - minimum(2)).abs() < 1e-6,
+                "{amplitude}, {shift}: {} and {}",
+                minimum(1),
+                minimum(2)
+            );
         }
     }
 

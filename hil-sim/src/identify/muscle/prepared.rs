@@ -3,7 +3,7 @@
 use super::kernel::{KERNEL_REACH, Kernel, norm};
 use super::play::{bridged, contacts, dips, reaches};
 use super::smoothed::smoothed;
-use super::thinned::{CHANGE_NOISES, thinned};
+use super::thinned::{CHANGE_NOISES, gas_told, thinned};
 use crate::error::BadInput;
 use crate::record::check::{Check, Finding, Signal, check};
 use crate::record::{
@@ -154,6 +154,8 @@ pub(super) struct Prepared {
     /// With the reference and a smoothed contraction, for the gas; without, for force and load.
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
+    /// Rows of `gas` from one of which to the next it is simulated.
+    pub(super) gas_told: Vec<usize>,
     pub(super) noise: Noise,
     pub(super) places: Vec<Place>,
     /// Rows in which the weight rests on its stop, as far apart as the places.
@@ -310,6 +312,7 @@ impl Prepared {
                 .is_some()
                 .then(|| with_columns(record, &OF_GAS)),
             measured,
+            gas_told: gas_told(record, &noise),
             noise,
             places: Vec::new(),
             stops: Vec::new(),

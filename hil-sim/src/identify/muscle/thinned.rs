@@ -1,11 +1,21 @@
 //! A record with no more rows than tell something: all others would only cost time.
 
 use super::prepared::Noise;
+use super::smoothed::smoothed;
 use crate::record::{
     CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN,
 };
 use std::ops::Range;
 
+/// What a record may have.
+const SIGNALS: [&str; 6] = [
+    PRESSURE_REF_PA,
+    PRESSURE_PA,
+    CONTRACTION,
+    FORCE_N,
+    SUPPLY_PA,
+    VALVE_OPEN,
+];
 /// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
 /// rows between them would cost time and tell little.
 const PERIOD_S: f64 = 0.008;
@@ -13,17 +23,70 @@ const PERIOD_S: f64 = 0.008;
 const REST_S: f64 = 0.1;
 pub(super) const CHANGE_NOISES: f64 = 6.0;
 
+/// What changes by so many times its noise from one row to another is no smooth line between them,
+/// for the gas.
+const BENT_NOISES: f64 = 3.0;
+
+/// Whether what is held from each row on is another from `row` on.
+fn switches(record: &Record, row: usize) -> bool {
+    let held = [PRESSURE_REF_PA, VALVE_OPEN].map(|name| record.column(name));
+    let mut held = held.into_iter().flatten();
+    held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
+}
+
+/// Rows of `record` from one of which to the next the gas may be simulated, and its pressure is a
+/// straight line within a part of its noise: all but those at rest between two changes of the
+/// reference. All where something is missing or the supply moves.
+pub(super) fn gas_told(record: &Record, noise: &Noise) -> Vec<usize> {
+    let time_s = record.time_s();
+    let all = || (0..time_s.len()).collect();
+    let signals = [PRESSURE_PA, CONTRACTION].map(|name| {
+        let values = record.column(name).unwrap_or_default();
+        (smoothed(time_s, values, noise.of(name)), noise.of(name))
+    });
+    let known = |(values, _): &(Vec<f64>, f64)| {
+        values.len() == time_s.len() && values.iter().all(|value| value.is_finite())
+    };
+    if !signals.iter().all(known) || record.column(SUPPLY_PA).is_some() {
+        return all();
+    }
+    let changes = |from: usize, to: usize| {
+        let mut signals = signals.iter();
+        signals.any(|(values, noise)| (values[to] - values[from]).abs() > BENT_NOISES * noise)
+    };
+    let mut told = vec![0];
+    for row in 1..time_s.len() {
+        let last = told[told.len() - 1];
+        let ends = row + 1 == time_s.len() || time_s[row + 1] > time_s[last] + REST_S;
+        if switches(record, row) || changes(last, row) || ends {
+            // What comes at once is not spread over the time before it.
+            if last + 1 < row {
+                told.push(row - 1);
+            }
+            told.push(row);
+        }
+    }
+    told
+}
+
+/// `record` with these of its rows only.
+pub(super) fn at_rows(record: &Record, rows: &[usize]) -> Record {
+    let of = |values: &[f64]| rows.iter().map(|row| values[*row]).collect::<Vec<f64>>();
+    let mut some = Record::new(of(record.time_s()));
+    for name in SIGNALS {
+        if let Some(values) = record.column(name) {
+            some.set(name, of(values));
+        }
+    }
+    some
+}
+
 /// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
 /// an input, rows in which nothing has changed are rarer; with a reference there is one where that
 /// or the valve's cock changes. A cell without a sample has the next one before the next such row.
 pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let time_s = record.time_s();
     let reference_pa = record.column(PRESSURE_REF_PA);
-    let held = [reference_pa, record.column(VALVE_OPEN)];
-    let switches = |row: usize| {
-        let mut held = held.into_iter().flatten();
-        held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
-    };
     let signals = [PRESSURE_PA, CONTRACTION, FORCE_N];
     let signals = signals.map(|name| (record.column(name), CHANGE_NOISES * noise.of(name)));
     let changes = |from: usize, to: usize| {
@@ -36,7 +99,7 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let mut last = 0;
     for row in 1..time_s.len() {
         let due = match reference_pa {
-            Some(_) => time_s[row] >= time_s[last] + PERIOD_S || switches(row),
+            Some(_) => time_s[row] >= time_s[last] + PERIOD_S || switches(record, row),
             None if time_s[row] < time_s[last] + PERIOD_S => false,
             // A weight's balance at rest bounds its static friction.
             None if !bench => true,
@@ -60,14 +123,7 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
     let mut thin = Record::new(begins.iter().map(|row| time_s[*row]).collect());
     let ends = begins.iter().skip(1).copied().chain([time_s.len()]);
     let stretches: Vec<_> = begins.iter().zip(ends).map(|(a, b)| *a..b).collect();
-    for name in [
-        PRESSURE_REF_PA,
-        PRESSURE_PA,
-        CONTRACTION,
-        FORCE_N,
-        SUPPLY_PA,
-        VALVE_OPEN,
-    ] {
+    for name in SIGNALS {
         if let Some(values) = record.column(name) {
             let first = |rows: &Range<usize>| {
                 let mut present = values[rows.clone()].iter().filter(|value| !value.is_nan());
