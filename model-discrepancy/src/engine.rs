@@ -137,6 +137,17 @@ pub trait Model: Sync {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals>;
+    /// The same with what a record has of its own, and what is bounded, as expected: where such an
+    /// unknown meets its bound residuals have a kink, at which a fit stays. By default the same.
+    fn residuals_as_expected(
+        &self,
+        record: usize,
+        block: usize,
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Residuals> {
+        self.residuals(record, block, nominal, effects)
+    }
     /// How many residuals a block has over a record.
     fn rows(&self, record: usize, block: usize) -> usize;
     /// How many residuals of a block over a record are no measurements, but priors of what is
@@ -315,6 +326,8 @@ struct Problem<'a, M> {
     held: bool,
     /// Dead zones are not to be pushed out by noise at their edges.
     edged: bool,
+    /// What records have of their own is as expected for now.
+    expected: bool,
 }
 
 impl<'a, M: Model> Problem<'a, M> {
@@ -332,6 +345,7 @@ impl<'a, M: Model> Problem<'a, M> {
             records: model.fitted(),
             held: false,
             edged: false,
+            expected: false,
         }
     }
 
@@ -372,8 +386,49 @@ impl<'a, M: Model> Problem<'a, M> {
 
     fn piece(&self, x: &DVector<f64>, (record, block): (usize, usize)) -> Option<Residuals> {
         let (nominal, effects) = (self.nominal(x), self.effects(x));
-        let residuals = self.model.residuals(record, block, &nominal, &effects)?;
+        self.computed((record, block), &nominal, &effects)
+    }
+
+    fn computed(
+        &self,
+        (record, block): (usize, usize),
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Residuals> {
+        let residuals = if self.expected {
+            self.model
+                .residuals_as_expected(record, block, nominal, effects)?
+        } else {
+            self.model.residuals(record, block, nominal, effects)?
+        };
         residuals.finite().then_some(residuals)
+    }
+
+    /// How the residuals change from `base` with other nominal values and effects, where they move
+    /// a block at all; dead zones as in `base`.
+    fn change(
+        &self,
+        base: &Residuals,
+        moves: &dyn Fn(usize) -> bool,
+        (nominal, effects): (&[f64], &[Active]),
+    ) -> Option<Slopes> {
+        let mut values = DMatrix::zeros(base.values.len(), 1);
+        let mut slack = values.clone();
+        let mut row = 0;
+        for (record, block) in self.pieces() {
+            if !moves(block) {
+                row += self.model.rows(record, block);
+                continue;
+            }
+            let moved = self.computed((record, block), nominal, effects)?;
+            let moved = if self.edged { moved.edged() } else { moved };
+            for (value, own) in moved.values.iter().zip(&moved.slack) {
+                values[row] = value - base.values[row];
+                slack[row] = own - base.slack[row];
+                row += 1;
+            }
+        }
+        Some(Slopes { values, slack })
     }
 
     /// Whether coordinate `place` changes the residuals of `block`.
@@ -454,8 +509,7 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
                 let mut moved = x.clone();
                 moved[place] += step;
                 let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
-                let pieces = (self.records, self.blocks);
-                let change = change(self.model, pieces, &moves, with, (base, self.edged))?;
+                let change = self.change(base, &moves, with)?;
                 Some((step, change))
             };
             // Beside a place without a solution the other way may have one.
@@ -494,39 +548,6 @@ impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
         }
         x
     }
-}
-
-/// How `blocks` over the first `records` change from `base` with other nominal values and effects,
-/// where they move a block at all; dead zones as in `base`, which may be `edged`.
-fn change<M: Model>(
-    model: &M,
-    (records, blocks): (usize, &[usize]),
-    moves: &dyn Fn(usize) -> bool,
-    (nominal, effects): (&[f64], &[Active]),
-    (base, edged): (&Residuals, bool),
-) -> Option<Slopes> {
-    let mut values = DMatrix::zeros(base.values.len(), 1);
-    let mut slack = values.clone();
-    let mut row = 0;
-    for record in 0..records {
-        for block in blocks {
-            if !moves(*block) {
-                row += model.rows(record, *block);
-                continue;
-            }
-            let moved = model.residuals(record, *block, nominal, effects)?;
-            if !moved.finite() {
-                return None;
-            }
-            let moved = if edged { moved.edged() } else { moved };
-            for (value, own) in moved.values.iter().zip(&moved.slack) {
-                values[row] = value - base.values[row];
-                slack[row] = own - base.slack[row];
-                row += 1;
-            }
-        }
-    }
-    Some(Slopes { values, slack })
 }
 
 /// Cost of residuals, of which so many are no measurements.
@@ -664,9 +685,13 @@ impl<'a, M: Model> Engine<'a, M> {
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
         if candidates.is_empty() {
             // Every comparison is with this fit.
-            let found = minimize(&mut problem, DVector::zeros(free.len()), TIGHT)?;
+            problem.expected = true;
+            let begun = minimize(&mut problem, DVector::zeros(free.len()), ROUGH)?;
+            problem.expected = false;
+            let found = minimize(&mut problem, begun.x, TIGHT)?;
             return problem.fit(&found);
         }
+        problem.expected = true;
         let mut begun = Vec::new();
         let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
         if let [own] = candidates {
@@ -693,6 +718,7 @@ impl<'a, M: Model> Engine<'a, M> {
             }
         }
         let best = begun.into_iter().min_by(least)?;
+        problem.expected = false;
         let found = minimize(&mut problem, best.x, LOOSE)?;
         problem.fit(&found)
     }

@@ -566,21 +566,46 @@ impl Model for MuscleModel {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
+        self.residuals_with(true, (record, block), nominal, effects)
+    }
+
+    /// With sensors whose zeros are right.
+    fn residuals_as_expected(
+        &self,
+        record: usize,
+        block: usize,
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Residuals> {
+        self.residuals_with(false, (record, block), nominal, effects)
+    }
+}
+
+impl MuscleModel {
+    /// Residuals of a block over a record, with the zeros of the sensors as they most likely are,
+    /// or as they should be.
+    fn residuals_with(
+        &self,
+        zeros: bool,
+        (record, block): (usize, usize),
+        nominal: &[f64],
+        effects: &[Active],
+    ) -> Option<Residuals> {
         let record = &self.records[record];
         // What does not change the block need not be followed.
         let own = effects.iter();
         let own = own.filter(|(candidate, _)| self.candidates[*candidate].blocks.contains(&block));
         let mut rig = self.fitted(nominal, own);
         match self.blocks[block] {
-            GAS => gas_residuals(record, rig),
+            GAS => gas_residuals(record, rig, zeros),
             FORCE => {
                 let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
                 let fading = record.fading_forces(&forces)?;
                 // What differs from run to run is known with the zeros in it.
                 let zeros = match self.repeatability_n {
-                    Some(_) => Vec::new(),
-                    None => record.zeros_of_force(&self.rig),
+                    None if zeros => record.zeros_of_force(&self.rig),
+                    _ => Vec::new(),
                 };
                 begun_best(&forces, &fading, zeros, |forces| {
                     force_residuals(record, forces)
@@ -589,7 +614,11 @@ impl Model for MuscleModel {
             _ => {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
-                let zeros = record.zeros_of_balances(&self.rig, force_read);
+                let zeros = if zeros {
+                    record.zeros_of_balances(&self.rig, force_read)
+                } else {
+                    Vec::new()
+                };
                 let mut residuals = if force_read {
                     without(balances(&measured_n(record, &rig)?)?, &zeros, None)
                 } else {

@@ -1,10 +1,10 @@
 //! Log evidence of a hypothesis: the probability density of all records, with nominal values,
 //! parameters and laws of effects integrated out about their fit.
 
+use super::START_FACTOR;
 use super::{Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Problem};
-use super::{START_FACTOR, change};
 use crate::evidence::{Blocks, Linear, Prior};
-use crate::least_squares::{Problem as _, Slopes, at};
+use crate::least_squares::{Problem as _, at};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -237,7 +237,8 @@ impl<M: Model> Engine<'_, M> {
         found: &Found,
     ) -> Option<Law> {
         let candidate = &self.model.candidates()[number];
-        let pieces = (self.model.records(), blocks);
+        let mut problem = Problem::new(self.model, blocks, &[], &[]);
+        problem.records = self.model.records();
         let effects = &hypothesis.fit.effects;
         let others = effects.iter().filter(|own| own.0 != number).cloned();
         let others: Vec<Active> = others.collect();
@@ -245,14 +246,12 @@ impl<M: Model> Engine<'_, M> {
             let with = [&others[..], own].concat();
             let with = (&hypothesis.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
-            let change: Option<Slopes> =
-                change(self.model, pieces, &moves, with, (&found.residuals, false));
-            change
+            problem.change(&found.residuals, &moves, with)
         };
         let whole = with(&[])?.values;
         let mut shapes = Vec::new();
         if candidate.form_doubt > 0.0 {
-            let modulations = self.modulations(pieces).into_iter();
+            let modulations = self.modulations((problem.records, blocks)).into_iter();
             shapes.extend(modulations.map(|shape| whole.component_mul(&shape)));
             let values = effects.iter().filter(|own| own.0 == number);
             shapes.extend(

@@ -1,6 +1,6 @@
 //! What effects promise beside those that are there, before they are fitted.
 
-use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, change, starts, tally};
+use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, starts, tally};
 use crate::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -62,8 +62,9 @@ impl<M: Model> Engine<'_, M> {
             with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
             let with = (&base.fit.nominal[..], &with[..]);
             let moves = |block| all[c].blocks.contains(&block);
-            let pieces = (self.model.records(), &places[c].0[..]);
-            let change = change(self.model, pieces, &moves, with, (residuals, false))?;
+            let change = self
+                .problem(&places[c].0, &[], &[])
+                .change(residuals, &moves, with)?;
             Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
@@ -106,6 +107,19 @@ impl<M: Model> Engine<'_, M> {
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
     }
 
+    /// All records, with what they have of their own as expected.
+    fn problem<'p>(
+        &'p self,
+        blocks: &'p [usize],
+        free: &'p [usize],
+        candidates: &'p [usize],
+    ) -> Problem<'p, M> {
+        let mut problem = Problem::new(self.model, blocks, free, candidates);
+        problem.records = self.model.records();
+        problem.expected = true;
+        problem
+    }
+
     /// What a promise of `candidate` beside `base`, whose blocks are tied in `groups`, depends on.
     fn place(&self, base: &Hypothesis, groups: &[Key], candidate: &Candidate) -> Place {
         let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
@@ -133,8 +147,7 @@ impl<M: Model> Engine<'_, M> {
     fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base> {
         let free = self.free(blocks);
         let x = self.coordinates(base, &free, candidates);
-        let mut problem = Problem::new(self.model, blocks, &free, candidates);
-        problem.records = self.model.records();
+        let mut problem = self.problem(blocks, &free, candidates);
         let found = at(&mut problem, DVector::from_vec(x))?;
         let slopes = problem.slopes(&found.x, &found.residuals)?;
         let mut priors = problem.priors(&found.x);
@@ -172,4 +185,126 @@ fn small(parameters: &[Parameter], start: &[f64]) -> Vec<f64> {
         _ => *x,
     });
     small.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Active, Candidate, Coordinate};
+    use super::*;
+
+    const ROWS: usize = 200;
+    const NOMINAL: f64 = 10.0;
+    const EFFECT: f64 = 40.0;
+    const ZERO_MOST: f64 = 3.0;
+
+    /// A nominal value that shifts all rows, an effect that also waves, and a zero of the sensor,
+    /// which shifts all rows too, but not far.
+    struct Shifted {
+        nominal_blocks: Vec<Vec<usize>>,
+        candidates: Vec<Candidate>,
+    }
+
+    impl Shifted {
+        /// With an effect of 1 in the records.
+        fn missed(nominal: f64, effects: &[Active]) -> Vec<f64> {
+            let effect: f64 = effects.iter().map(|(_, values)| values[0]).sum();
+            let shape = |row: usize| 1.0 + 0.5 * (0.7 * row as f64).sin();
+            let of = |row| NOMINAL * nominal + EFFECT * (effect - 1.0) * shape(row);
+            (0..ROWS).map(of).collect()
+        }
+    }
+
+    impl Model for Shifted {
+        fn records(&self) -> usize {
+            1
+        }
+        fn fitted(&self) -> usize {
+            1
+        }
+        fn blocks(&self) -> &[&'static str] {
+            &["shifted"]
+        }
+        fn nominal_blocks(&self) -> &[Vec<usize>] {
+            &self.nominal_blocks
+        }
+        fn candidates(&self) -> &[Candidate] {
+            &self.candidates
+        }
+        fn residuals(
+            &self,
+            _: usize,
+            _: usize,
+            nominal: &[f64],
+            effects: &[Active],
+        ) -> Option<Residuals> {
+            let mut rows = Shifted::missed(nominal[0], effects);
+            let mean = rows.iter().sum::<f64>() / (ROWS as f64 + 1.0);
+            let zero = mean.clamp(-ZERO_MOST, ZERO_MOST);
+            for row in &mut rows {
+                *row -= zero;
+            }
+            rows.push(zero);
+            Some(Residuals::exact(rows))
+        }
+        fn residuals_as_expected(
+            &self,
+            _: usize,
+            _: usize,
+            nominal: &[f64],
+            effects: &[Active],
+        ) -> Option<Residuals> {
+            let mut rows = Shifted::missed(nominal[0], effects);
+            rows.push(0.0);
+            Some(Residuals::exact(rows))
+        }
+        fn rows(&self, _: usize, _: usize) -> usize {
+            ROWS + 1
+        }
+        fn unknowns(&self, _: usize) -> usize {
+            1
+        }
+        fn proportional(&self, _: usize) -> bool {
+            true
+        }
+        fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
+            Some(0.0)
+        }
+        fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
+            Vec::new()
+        }
+    }
+
+    /// The zero is free at the fit without effects and would take up all that the nominal value
+    /// does, so that this seems to do nothing: with both in proportion an effect promises little.
+    #[test]
+    fn a_bounded_zero_does_not_hide_what_an_effect_promises() {
+        let parameter = Parameter {
+            name: "size",
+            unit: "",
+            range: (-10.0, 10.0),
+            usual: 1.0,
+            log: false,
+            neutral: Some(0.0),
+            ends: [false; 2],
+        };
+        let model = Shifted {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![Candidate {
+                effect: "waves",
+                form: "waves",
+                parameters: vec![parameter],
+                blocks: vec![0],
+                form_doubt: 0.0,
+            }],
+        };
+        let engine = Engine::new(&model);
+        let null = engine.hypothesis(&[]).expect("a fit");
+        let promised = engine.promises(&null).expect("promises")[0];
+        let gained = null.fit.score() - engine.hypothesis(&[0]).expect("a fit").fit.score();
+        assert!(gained > 5000.0, "{gained}");
+        assert!(
+            (promised / gained - 1.0).abs() < 0.05,
+            "{promised} of {gained}"
+        );
+    }
 }

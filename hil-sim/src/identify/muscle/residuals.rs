@@ -97,7 +97,8 @@ fn gas_pressures_pa(record: &Prepared, mut rig: Rig) -> Option<Vec<f64>> {
     Some(read_pa)
 }
 
-pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
+/// With the zero of its sensor as it most likely is, or, without `zeros`, as it should be.
+pub(super) fn gas_residuals(record: &Prepared, rig: Rig, zeros: bool) -> Option<Residuals> {
     let measured = record.gas.as_ref()?.column(PRESSURE_PA)?;
     let read_pa = gas_pressures_pa(record, rig)?;
     let residual = |row: &usize| {
@@ -105,7 +106,12 @@ pub(super) fn gas_residuals(record: &Prepared, rig: Rig) -> Option<Residuals> {
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
     };
     let residuals = Residuals::exact(record.gas_rows.iter().map(residual).collect());
-    Some(without(residuals, &record.zeros_of_gas(), None))
+    let zeros = if zeros {
+        record.zeros_of_gas()
+    } else {
+        Vec::new()
+    };
+    Some(without(residuals, &zeros, None))
 }
 
 /// What a row misses, its dead zone, and the noise of that in this rig and in the nominal one.
@@ -417,7 +423,7 @@ mod tests {
         record.set(PRESSURE_PA, around(2.5e5, 2e5));
         record.set(CONTRACTION, around(0.12, 0.1));
         let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
-        assert!(gas_residuals(&prepared[0], rig).is_some());
+        assert!(gas_residuals(&prepared[0], rig, true).is_some());
     }
 
     /// Steps, each held for three seconds: at rest the gas is simulated in few rows, and what lies
