@@ -975,6 +975,16 @@ fn small_workbooks_and_logs_cannot_cost_much() {
 }
 
 #[test]
+fn a_long_chunk_is_refused_with_the_limit_of_a_chunk() {
+    let file = log_of("json", "", &vec![0; 1 << 26], 1);
+    let error = hil_sim::record::mcap::parse("long.mcap", &file).expect_err("too long");
+    assert_eq!(
+        error.to_string(),
+        "long.mcap: expected at most 67108864 unpacked bytes in a chunk, found more"
+    );
+}
+
+#[test]
 fn other_formats_are_named_with_the_command_that_converts_them() {
     for (file, says) in [
         (
