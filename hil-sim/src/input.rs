@@ -40,7 +40,11 @@ fn read_up_to(bytes_max: u64, path: &Path, expected: &str) -> Result<Vec<u8>, Ba
     let bad = |expected: String| BadInput::file(path.display().to_string(), expected);
     let unreadable = |error: std::io::Error| bad(format!("{expected}, {error}"));
     let file = File::open(path).map_err(unreadable)?;
-    let size = file.metadata().map_or(0, |found| found.len());
+    let found = file.metadata().map_err(unreadable)?;
+    if found.is_dir() {
+        return Err(bad(format!("{expected}, found a folder")));
+    }
+    let size = found.len();
     let mut bytes = Vec::with_capacity(size.min(bytes_max) as usize);
     let mut limited = file.take(bytes_max + 1);
     limited.read_to_end(&mut bytes).map_err(unreadable)?;

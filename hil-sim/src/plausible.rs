@@ -35,6 +35,11 @@ pub(crate) const ATMOSPHERE_PA: [f64; 2] = [4.5e4, 1.7e5];
 pub(crate) const PERIOD_S_MAX: f64 = 2.0;
 /// Rows further apart than this may be of a slow logger, or in ms of a fast one \[s\].
 pub(crate) const PERIOD_S_DOUBTFUL: f64 = 0.2;
+/// Rows closer than this are in minutes, hours or days \[s\]: a logger of 100 kHz sees nothing of a
+/// muscle that one of 10 kHz does not.
+pub(crate) const PERIOD_S_MIN: f64 = 1e-5;
+/// Days since 1900 as spreadsheets count them, from the year 1982 to 2091.
+pub(crate) const DATES_D: [f64; 2] = [3e4, 7e4];
 /// Valve and line bring the pressure to 63 % of a step within \[s\]: V/(R T K_G) of the paper's
 /// slow valve is 0.1 s, of the largest muscle with it 1 s.
 pub(crate) const LAG_S_MAX: f64 = 2.0;

@@ -101,6 +101,7 @@ fn a_record_in_other_units_is_named_with_the_command_that_converts_it() {
                 changed(text, &[CONTRACTION], by(-1.0)),
             ),
             ("time_s=ms", changed(text, &[TIME_S], by(1e-3))),
+            ("time_s=h", changed(text, &[TIME_S], by(3600.0))),
         ];
         if has_force {
             others.push(("force_n=kN", changed(text, &[FORCE_N], by(1e3))));
@@ -288,6 +289,22 @@ fn rows_that_are_slower_than_a_person_are_in_ms() {
     assert_eq!(options(&found), ["time_s=ms"]);
     let told = found[0].to_string();
     assert!(told.contains("a person moves `finger_m`"), "{told}");
+}
+
+#[test]
+fn dates_of_a_spreadsheet_are_days() {
+    let text = assistance(0.01, true);
+    let found = doubts(
+        &changed(&text, &[TIME_S], |s| 45_990.5 + s / 86_400.0),
+        None,
+    );
+    assert_eq!(options(&found), ["time_s=d"]);
+    let told = found[0].to_string();
+    assert!(told.contains("from a spreadsheet's date"), "{told}");
+    assert_eq!(
+        doubts(&changed(&text, &[TIME_S], |s| 45_990.5 + s), None),
+        []
+    );
 }
 
 /// Eq 1 has a negative force there, as the simulator reads it.

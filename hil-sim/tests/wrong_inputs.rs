@@ -55,7 +55,7 @@ fn mapping(column: &str, unit: &str) -> Vec<u8> {
 /// stands for the names of all effects, and for what the system says.
 type Wrong = (fn() -> Vec<u8>, &'static str, &'static str);
 
-const RECORDS: [Wrong; 12] = [
+const RECORDS: [Wrong; 17] = [
     (
         Vec::new,
         "check wrong",
@@ -128,13 +128,39 @@ const RECORDS: [Wrong; 12] = [
         "wrong: expected a record that is not fitted too",
     ),
     (
+        || record("0.02,2e5", "\"0.02,2e5"),
+        "check wrong",
+        "wrong:4: expected a closing quote, found the end of the file",
+    ),
+    (
+        || record("contraction\n", "contraction\n[s],[Pa],[Pa],[-]\n"),
+        "check wrong",
+        "wrong:2: column `time_s`: expected a number or an empty cell, found `[s]` (`hil-sim \
+         import` leaves out a row of units, with `skip_after_header = 1` in its mapping)",
+    ),
+    (
+        Vec::new,
+        "check folder",
+        "folder: expected a readable CSV file, found a folder",
+    ),
+    (
+        || b"%PDF-1.7\n".into(),
+        "import wrong --out new.csv",
+        "wrong: expected a table as CSV, found a PDF",
+    ),
+    (
+        || b"\n<!doctype HTML>\n<table><tr><td>time_s</td></tr></table>\n".into(),
+        "import wrong --out new.csv",
+        "wrong: expected a table as CSV, found a web page, whose table a spreadsheet can save",
+    ),
+    (
         Vec::new,
         "check /dev/zero",
         "/dev/zero: expected a readable CSV file of at most 500 MB, found more",
     ),
 ];
 
-const RIGS: [Wrong; 12] = [
+const RIGS: [Wrong; 14] = [
     (
         || RECORD.into(),
         "rig check wrong",
@@ -143,12 +169,22 @@ const RIGS: [Wrong; 12] = [
     (
         Vec::new,
         "simulate --rig folder --drive record.csv --out new.csv",
-        "folder: expected a readable TOML file, …",
+        "folder: expected a readable TOML file, found a folder",
     ),
     (
         Vec::new,
         "rig check /dev/zero",
         "/dev/zero: expected a readable TOML file of at most 10 MB, found more",
+    ),
+    (
+        || br#"{ "muscle": { "initial_length_m": 0.3 } }"#.into(),
+        "rig check wrong",
+        "wrong:1: expected a rig in TOML, found JSON",
+    ),
+    (
+        || rig("[load]", "[muscle]"),
+        "rig check wrong",
+        "wrong:15: expected each key and each section once, found `muscle` again",
     ),
     (
         || rig("beta_m2 = -1.39e-3", "beta_m2 = −1.39e−3"),
@@ -208,7 +244,7 @@ const RIGS: [Wrong; 12] = [
     ),
 ];
 
-const ARGUMENTS: [Wrong; 17] = [
+const ARGUMENTS: [Wrong; 18] = [
     (
         || {
             TABLE
@@ -267,6 +303,11 @@ const ARGUMENTS: [Wrong; 17] = [
         || RECORD.into(),
         "import wrong --out folder",
         "folder: cannot be written: …",
+    ),
+    (
+        Vec::new,
+        "completions --dir record.csv",
+        "record.csv: expected a folder, found a file",
     ),
     (
         Vec::new,

@@ -70,8 +70,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn report(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
     let sampling = &check.sampling;
     let mut verdict = vec![format!(
-        "{} rows in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
+        "{} {} in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
         sampling.rows,
+        if sampling.rows == 1 { "row" } else { "rows" },
         sampling.length_s,
         1e3 * sampling.period_s,
         100.0 * sampling.jitter,

@@ -134,10 +134,7 @@ pub fn run(args: &Args) -> Result<bool, Failure> {
         let rig = written::rig_toml(&text, &session.values, &session.measured)?;
         if session.agrees("Store these settings on the board, and write the files? y, n")? {
             session.store(settings.values())?;
-            std::fs::create_dir_all(&args.out).map_err(|error| {
-                let folder = args.out.display().to_string();
-                BadInput::file(folder, format!("a folder that can be made, {error}"))
-            })?;
+            super::make_folder(&args.out)?;
             let settings = settings_file::to_toml(settings.values());
             for (file, text) in [
                 ("settings.toml", settings),

@@ -3,7 +3,6 @@
 use super::Failure;
 use clap::{CommandFactory, ValueEnum};
 use clap_complete::{Generator, Shell, generate};
-use hil_sim::error::BadInput;
 use hil_sim::output::write_atomically;
 use std::path::{Path, PathBuf};
 
@@ -29,10 +28,7 @@ pub fn run<Cli: CommandFactory>(args: &Args) -> Result<(), Failure> {
         super::print(&String::from_utf8_lossy(&script))?;
     }
     if let Some(folder) = &args.dir {
-        std::fs::create_dir_all(folder).map_err(|error| {
-            let name = folder.display().to_string();
-            BadInput::file(name, format!("a folder that can be made, {error}"))
-        })?;
+        super::make_folder(folder)?;
         for shell in Shell::value_variants() {
             let path = folder.join(shell.file_name("hil-sim"));
             write_atomically(&path, &completions::<Cli>(*shell))?;

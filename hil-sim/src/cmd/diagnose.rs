@@ -149,6 +149,16 @@ fn options(args: &Args) -> Options {
     }
 }
 
+/// What other commands say of the fitted rig if they refuse it: two values, each within its
+/// tolerance, may contradict each other.
+fn refused(fitted: &str) -> Option<String> {
+    let refused = Rig::parse("rig.fitted.toml", fitted).err()?;
+    Some(format!(
+        "other commands refuse the fitted rig: {refused}; a smaller tolerance of the value keeps \
+         it from there"
+    ))
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let date = utc(written_at()?);
@@ -201,6 +211,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let rewritten = rewritten
         .and_then(|rewritten| provenance.around(&rewritten))
         .map_err(|error| rig.bad_file(&error.to_string()))?;
+    diagnosed.diagnosis.warnings.extend(refused(&rewritten));
     let json = serde_json::to_string_pretty(&diagnosed.diagnosis)
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
@@ -218,4 +229,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         super::print(&report.to_text())?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fitted_rig_that_is_no_rig_is_told() {
+        assert_eq!(refused(Rig::REFERENCE_TOML), None);
+        let other =
+            Rig::REFERENCE_TOML.replacen("volume_d1_m3 = -9.90e-4", "volume_d1_m3 = -1e-2", 1);
+        assert_ne!(other, Rig::REFERENCE_TOML);
+        let told = refused(&other).expect("refused");
+        assert!(told.contains("a volume above 0"), "{told}");
+    }
 }

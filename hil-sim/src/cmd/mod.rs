@@ -148,10 +148,7 @@ pub struct Results {
 impl Results {
     /// The path of a result file; creates its folder.
     fn path(&self, file: &str) -> Result<PathBuf, BadInput> {
-        std::fs::create_dir_all(&self.out).map_err(|error| {
-            let folder = self.out.display().to_string();
-            BadInput::file(folder, format!("a folder that can be made, {error}"))
-        })?;
+        make_folder(&self.out)?;
         Ok(self.out.join(file))
     }
 
@@ -226,6 +223,15 @@ fn check_folder(out: &Path) -> Result<(), BadInput> {
         ));
     }
     Ok(())
+}
+
+/// Makes `folder` unless it exists.
+fn make_folder(folder: &Path) -> Result<(), BadInput> {
+    check_folder(folder)?;
+    std::fs::create_dir_all(folder).map_err(|error| {
+        let name = folder.display().to_string();
+        BadInput::file(name, format!("a folder that can be made, {error}"))
+    })
 }
 
 /// Prints results. A closed pipe (`| head`) is not an error.

@@ -21,6 +21,13 @@ const REPEATED_ONE_IN: usize = 1000;
 /// Characters of a header that an error repeats.
 const HEADER_LEN: usize = 60;
 
+/// What is expected of a file that ends within quotes.
+const NO_QUOTE: &str = "a closing quote, found the end of the file";
+
+/// The way around a row of units.
+const UNITS: &str =
+    " (`hil-sim import` leaves out a row of units, with `skip_after_header = 1` in its mapping)";
+
 /// What is expected of a time that is not after `before_s`.
 fn not_after(before_s: f64, time_s: f64) -> String {
     format!(
@@ -78,11 +85,10 @@ impl Record {
             counted = begin;
             record.push(line, &row)?;
         }
-        // The CSV reader takes everything after an unclosed quote as one cell.
         if ends_in_quotes(bytes) {
             return Err(BadInput {
                 line: Some(line),
-                ..BadInput::file(name, "a closing quote, found the end of the file")
+                ..BadInput::file(name, NO_QUOTE)
             });
         }
         if record.time_s.is_empty() {
@@ -149,7 +155,16 @@ impl Record {
         for (column, cell) in self.columns.iter_mut().zip(row) {
             match column {
                 None => {
-                    let time_s = number(TIME_S, cell).map_err(|why| bad(TIME_S, why))?;
+                    let time_s = number(TIME_S, cell).map_err(|mut why| {
+                        // A unit, in any notation, as loggers write it below the name.
+                        if first_s.is_none()
+                            && cell.parse::<f64>().is_err()
+                            && !cell.contains(|one: char| one.is_ascii_digit())
+                        {
+                            why.push_str(UNITS);
+                        }
+                        bad(TIME_S, why)
+                    })?;
                     let before_s = self.time_s.last().copied().unwrap_or(f64::NEG_INFINITY);
                     if time_s.is_nan() {
                         return Err(bad(TIME_S, "a time in every row, found none".into()));
@@ -336,6 +351,8 @@ fn not_csv(file: &str, bytes: &[u8], error: &csv::Error) -> BadInput {
         .position()
         .map(|position| 1 + newlines(&bytes[..row_start(bytes, Some(position))]));
     let expected = match error.kind() {
+        // The CSV reader takes everything after an unclosed quote as one cell.
+        csv::ErrorKind::UnequalLengths { .. } if ends_in_quotes(bytes) => NO_QUOTE.into(),
         csv::ErrorKind::UnequalLengths {
             expected_len, len, ..
         } => {

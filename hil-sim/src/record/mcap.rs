@@ -304,11 +304,14 @@ impl RecordReader<'_> {
             match *opcode {
                 // Of one that is cut off what there is.
                 op::CHUNK if !in_chunk => {
-                    let most = CHUNK_LEN_MAX.min(self.unpacked_max - self.unpacked);
+                    let left = self.unpacked_max - self.unpacked;
                     let chunk = Chunk::new(body).ok_or_else(early)?;
-                    let (records, end) = chunk.unpacked(most);
-                    if records.len() > most {
-                        return Err(self.too_many());
+                    let (records, end) = chunk.unpacked(CHUNK_LEN_MAX.min(left));
+                    if records.len() > left {
+                        return Err(self.more_than(self.unpacked_max, ""));
+                    }
+                    if records.len() > CHUNK_LEN_MAX {
+                        return Err(self.more_than(CHUNK_LEN_MAX, " in a chunk"));
                     }
                     self.each(&records, true, take)?;
                     end.map_err(|error| End::Damaged(format!("a chunk is not unpacked, {error}")))?;
@@ -336,14 +339,13 @@ impl RecordReader<'_> {
     fn count(&mut self, length: usize) -> Result<(), End> {
         self.unpacked = self.unpacked.saturating_add(RECORD_HEADER_LEN + length);
         if self.unpacked > self.unpacked_max {
-            return Err(self.too_many());
+            return Err(self.more_than(self.unpacked_max, ""));
         }
         Ok(())
     }
 
-    fn too_many(&self) -> End {
-        let most = self.unpacked_max;
-        let expected = format!("at most {most} unpacked bytes, found more");
+    fn more_than(&self, most: usize, place: &str) -> End {
+        let expected = format!("at most {most} unpacked bytes{place}, found more");
         End::Bad(BadInput::file(self.name, expected))
     }
 }

@@ -25,6 +25,7 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
         let line = error.span().map(|span| line_of(text, span.start));
         let words = line.and_then(|line| text.lines().nth(line - 1));
         let number = words.and_then(misspelt_number);
+        let found = error.span().and_then(|span| text.get(span));
         BadInput {
             file: name.into(),
             line,
@@ -34,7 +35,12 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
                 (Some(first), _) if first.contains(TIME_S) => {
                     format!("a rig in TOML, found `{first}`")
                 }
+                _ if text.trim_start().starts_with('{') => "a rig in TOML, found JSON".into(),
                 (_, Some(expected)) => expected,
+                _ if error.message() == "duplicate key" => {
+                    let found = found.unwrap_or("one").trim_matches(['[', ']']);
+                    format!("each key and each section once, found `{found}` again")
+                }
                 _ => format!("TOML, {}", error.message()),
             },
         }

@@ -14,6 +14,7 @@ use model_core::store::{self, SLOT_LEN};
 use model_core::timing::Timing;
 use serde::ser::{Serialize, SerializeTuple, Serializer};
 use std::io::{Cursor, Write};
+use std::sync::LazyLock;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
@@ -146,13 +147,12 @@ pub fn record(bytes: &[u8]) {
 /// CSV files of other programs, read with the mapping that their first byte chooses.
 pub fn import(bytes: &[u8]) {
     if let Some((choice, file)) = bytes.split_first() {
-        imported(IMPORT_MAPS[usize::from(*choice) % IMPORT_MAPS.len()], file);
+        imported(&IMPORT_MAPS[usize::from(*choice) % IMPORT_MAPS.len()], file);
     }
 }
 
 /// A record, which is read again, or one line that says what is wrong.
-fn imported(map: &str, file: &[u8]) {
-    let map = Map::parse("map.toml", map).expect("a mapping");
+fn imported(map: &Map, file: &[u8]) {
     match map.import("file", file) {
         Ok(imported) => {
             let written = imported.record.to_csv();
@@ -169,13 +169,13 @@ pub fn import_matlab(bytes: &[u8]) {
     file.resize(124, b' ');
     file.extend([0, 1, b'I', b'M']);
     file.extend(bytes);
-    imported(IMPORT_MAPS[0], &file);
+    imported(&IMPORT_MAPS[0], &file);
 }
 
 /// HDF5 files. The command reads them in a process with limits; here are small ones only.
 pub fn import_hdf5(bytes: &[u8]) {
     if bytes.starts_with(b"\x89HDF") {
-        imported(IMPORT_MAPS[0], bytes);
+        imported(&IMPORT_MAPS[0], bytes);
     }
 }
 
@@ -183,9 +183,9 @@ pub fn import_hdf5(bytes: &[u8]) {
 pub fn import_log(bytes: &[u8]) {
     let signature = b"\x89MCAP0\r\n";
     if bytes.starts_with(signature) {
-        imported(LOG_MAP, bytes);
+        imported(&LOG_MAP, bytes);
     } else {
-        imported(LOG_MAP, &[signature, bytes].concat());
+        imported(&LOG_MAP, &[signature, bytes].concat());
     }
 }
 
@@ -217,7 +217,7 @@ pub fn import_ros(bytes: &[u8]) {
             &[&[1, 0, 0, 0, 0, 0], &times, &times, &[0, 1, 0, 0], message],
         );
     }
-    imported(LOG_MAP, &log);
+    imported(&LOG_MAP, &log);
 }
 
 /// Workbooks whose parts are the bytes between zeros: relations, workbook, sheet, texts, styles.
@@ -259,23 +259,34 @@ pub fn import_sheet(bytes: &[u8]) {
         );
     }
     let file = zip.finish().expect("memory").into_inner();
-    imported(IMPORT_MAPS[2], &file);
+    imported(&IMPORT_MAPS[2], &file);
+}
+
+fn mapping(text: &str) -> Map {
+    Map::parse("map.toml", text).expect("a mapping")
 }
 
 /// Of a log with one topic.
-const LOG_MAP: &str = "[time]\ncolumn = \"log_time_s\"\nunit = \"s\"\nrepeated = \"spread\"\n\
-     [columns.force_n]\ncolumn = \"a\"\nunit = \"N\"\n";
+static LOG_MAP: LazyLock<Map> = LazyLock::new(|| {
+    mapping(
+        "[time]\ncolumn = \"log_time_s\"\nunit = \"s\"\nrepeated = \"spread\"\n\
+         [columns.force_n]\ncolumn = \"a\"\nunit = \"N\"\n",
+    )
+});
 
 /// Of MATLAB's variables, of the example, and of a CSV file whose clock restarts.
-const IMPORT_MAPS: [&str; 3] = [
-    "[time]\ncolumn = \"t_ms\"\nunit = \"ms\"\n\
-     [columns.pressure_pa]\ncolumn = \"p\"\nunit = \"bar\"\n\
-     [columns.contraction]\ncolumn = \"data(:,2)\"\nunit = \"%\"\n\
-     [columns.force_n]\ncolumn = \"s.x\"\nunit = \"N\"\n",
-    Map::EXAMPLE_TOML,
-    "[time]\ncolumn = 1\nunit = \"s\"\nrepeated = \"spread\"\nrestarted = \"continue\"\n\
-     [columns.force_n]\ncolumn = 2\nunit = \"N\"\n",
-];
+static IMPORT_MAPS: LazyLock<[Map; 3]> = LazyLock::new(|| {
+    [
+        "[time]\ncolumn = \"t_ms\"\nunit = \"ms\"\n\
+         [columns.pressure_pa]\ncolumn = \"p\"\nunit = \"bar\"\n\
+         [columns.contraction]\ncolumn = \"data(:,2)\"\nunit = \"%\"\n\
+         [columns.force_n]\ncolumn = \"s.x\"\nunit = \"N\"\n",
+        Map::EXAMPLE_TOML,
+        "[time]\ncolumn = 1\nunit = \"s\"\nrepeated = \"spread\"\nrestarted = \"continue\"\n\
+         [columns.force_n]\ncolumn = 2\nunit = \"N\"\n",
+    ]
+    .map(mapping)
+});
 
 /// The same as MCAP.
 pub fn mcap(bytes: &[u8]) {

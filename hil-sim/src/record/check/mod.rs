@@ -85,7 +85,7 @@ pub struct Sampling {
 #[serde(tag = "finding", rename_all = "kebab-case")]
 pub enum Finding {
     /// Error: fewer rows than a diagnosis needs.
-    #[error("only {rows} rows, fewer than {}", ROWS_MIN)]
+    #[error("fewer than {} rows: {rows}", ROWS_MIN)]
     FewRows {
         /// Number of rows.
         rows: usize,

@@ -8,10 +8,10 @@
 use super::{Check, Finding, quantile};
 use crate::error::BadInput;
 use crate::plausible::{
-    CONTRACTION_MAX, CONTRACTION_USED, FORCE_FACTOR, GAUGE_NOISE_PA_MIN, LAG_S_MAX,
-    PERIOD_S_DOUBTFUL, PERIOD_S_MAX, PRESSURE_BURST_PA, PRESSURE_IDLE_PA, PRESSURE_TYPICAL_PA,
-    PRESSURE_UNITS, PRESSURE_WORKING_PA_MAX, PRESSURE_WORKING_PA_MIN, REACH_M, STRETCH_MAX,
-    nearest,
+    CONTRACTION_MAX, CONTRACTION_USED, DATES_D, FORCE_FACTOR, GAUGE_NOISE_PA_MIN, LAG_S_MAX,
+    PERIOD_S_DOUBTFUL, PERIOD_S_MAX, PERIOD_S_MIN, PRESSURE_BURST_PA, PRESSURE_IDLE_PA,
+    PRESSURE_TYPICAL_PA, PRESSURE_UNITS, PRESSURE_WORKING_PA_MAX, PRESSURE_WORKING_PA_MIN, REACH_M,
+    STRETCH_MAX, nearest,
 };
 use crate::record::{
     CONTRACTION, FINGER_M, FORCE_N, INPUT_FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA,
@@ -655,9 +655,18 @@ impl<'a> Evidence<'a> {
         (law_n > 0.0).then(|| (quantile(found, 0.5), law_n))
     }
 
-    /// Milliseconds or microseconds in place of seconds.
+    /// Milliseconds, microseconds, hours or a spreadsheet's days in place of seconds.
     fn time(&self) -> Option<Doubt> {
         let period_s = self.check.sampling.period_s;
+        if period_s > 0.0 && period_s < PERIOD_S_MIN {
+            let [first, last] = DATES_D;
+            let (unit, why) = match self.record.time_s().first() {
+                Some(date) if (first..last).contains(date) => ("d", ", from a spreadsheet's date"),
+                _ => ("h", ""),
+            };
+            let expected = format!("seconds, found rows {period_s:.2e} s apart{why}");
+            return Some(Doubt::new(TIME_S, expected, unit, unit));
+        }
         if period_s < PERIOD_S_DOUBTFUL {
             return None;
         }

@@ -52,7 +52,7 @@ struct Numbers {
 }
 
 /// How files of other programs begin, and the command that converts them.
-const OTHER_FORMATS: [(&[u8], &str); 7] = [
+const OTHER_FORMATS: [(&[u8], &str); 8] = [
     (
         b"PK\x03\x04",
         "a spreadsheet's CSV (`libreoffice --headless --convert-to csv FILE`), found a ZIP file as \
@@ -81,6 +81,7 @@ const OTHER_FORMATS: [(&[u8], &str); 7] = [
          FOLDER --dst out --dst-storage mcap` of rosbags), found SQLite, as older bags of ROS 2 \
          are",
     ),
+    (b"%PDF", "a table as CSV, found a PDF"),
     (b"\x1f\x8b", "an unpacked file (`gunzip FILE`), found gzip"),
 ];
 
@@ -281,6 +282,15 @@ impl<'a> Csv<'a> {
             .find(|(begin, _)| bytes.starts_with(begin));
         if let Some((_, expected)) = other {
             return Err(BadInput::file(name, expected.replace("FILE", name)));
+        }
+        let first = bytes.trim_ascii_start();
+        let is_page = [&b"<!DOCTYPE html"[..], b"<html"].into_iter().any(|begin| {
+            let first = first.get(..begin.len());
+            first.is_some_and(|first| first.eq_ignore_ascii_case(begin))
+        });
+        if is_page {
+            let expected = "a table as CSV, found a web page, whose table a spreadsheet can save";
+            return Err(BadInput::file(name, expected));
         }
         // In no text, and in nearly every picture, document and program.
         if bytes.contains(&0) {
