@@ -51,21 +51,16 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         let promise = |c: usize, start: &[f64]| {
-            let Base {
-                residuals,
-                slopes,
-                priors,
-                least,
-            } = &bases[&places[c]];
+            let own = &bases[&places[c]];
             let values = all[c].parameters.iter().zip(start);
             let mut with = base.fit.effects.clone();
             with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
             let with = (&base.fit.nominal[..], &with[..]);
             let moves = |block| all[c].blocks.contains(&block);
-            let change = self
-                .problem(&places[c].0, &[], &[])
-                .change(residuals, &moves, with)?;
-            Some(least - linearized_least(residuals, &slopes.beside(&change), priors))
+            let problem = self.problem(&places[c].0, &[], &[]);
+            let change = problem.change(&own.residuals, &moves, with)?;
+            let with = own.slopes.beside(&change);
+            Some(own.least - linearized_least(&own.residuals, &with, &own.priors))
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |c: usize, start: &[f64]| {
