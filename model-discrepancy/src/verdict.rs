@@ -233,21 +233,30 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let search = Search::run(engine, watch)?;
     let judged = judged(&search);
     let posterior = posterior(&judged);
-    let certain = certain(&standing(&posterior, &judged), costs.threshold());
+    let mut certain = certain(&standing(&posterior, &judged), costs.threshold());
     let most = |of: &dyn Fn(&Judged) -> bool| {
         let sets = judged.iter().filter(|own| of(own));
         let most = sets.max_by(|a, b| a.log.total_cmp(&b.log));
         most.map(|own| own.hypothesis.clone())
     };
-    let mut names: Vec<&str> = certain.iter().map(|own| own.0).collect();
-    names.sort_unstable();
     let null = most(&|own| own.names.is_empty())?;
-    // Names that are certain only in different sets have no set of their own.
-    let some =
-        |own: &Judged| !own.names.is_empty() && own.names.iter().all(|name| names.contains(name));
-    let named = most(&|own| own.names == names)
-        .or_else(|| most(&some))
-        .unwrap_or_else(|| null.clone());
+    let of_names = |names: &[&str]| {
+        // Names that are certain only in different sets have no set of their own.
+        let some = |own: &Judged| {
+            !own.names.is_empty() && own.names.iter().all(|name| names.contains(name))
+        };
+        let named = most(&|own| own.names == names).or_else(|| most(&some));
+        named.unwrap_or_else(|| null.clone())
+    };
+    let mut names = sorted_names(&certain);
+    let mut named = of_names(&names);
+    let vanishing = engine.vanishing(&named);
+    if !vanishing.is_empty() {
+        let vanishes = |name: &str| vanishing.iter().any(|own| search.name(*own) == name);
+        certain.retain(|own| !vanishes(own.0));
+        names = sorted_names(&certain);
+        named = of_names(&names);
+    }
     let is_certain = |effect: &&str| {
         let mut certain = certain.iter();
         certain.any(|own| own.0 == *effect || own.1.contains(effect))
@@ -288,6 +297,13 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         named,
         posterior,
     })
+}
+
+/// The names that are certain, in alphabetical order.
+fn sorted_names(certain: &[(&'static str, Vec<&'static str>, f64)]) -> Vec<&'static str> {
+    let mut names: Vec<&str> = certain.iter().map(|own| own.0).collect();
+    names.sort_unstable();
+    names
 }
 
 /// By how much the records that were not fitted are missed beyond their noise, and the standard
