@@ -33,7 +33,11 @@ const RIGS: [(&str, &str, &str); 34] = [
         ":4: key `schema`: expected a number, found string",
     ),
     ("schema = 1", "schema = ", ":4: expected TOML"),
-    ("schema = 1", "schema = 1\nschema = 1", ":5: expected TOML"),
+    (
+        "schema = 1",
+        "schema = 1\nschema = 1",
+        ":5: expected each key and each section once, found `schema` again",
+    ),
     (
         "schema = 1",
         "schema = 1\nrig = 7",
