@@ -43,7 +43,11 @@ const RIGS: [(&str, &str, &str); 34] = [
         "schema = 1\nrig = 7",
         ":5: key `rig`: expected one of the keys",
     ),
-    ("schema = 1", "schema = 1\nmuscle = 7", "expected TOML"),
+    (
+        "schema = 1",
+        "schema = 1\nmuscle = 7",
+        "expected each key and each section once, found `muscle` again",
+    ),
     ("[muscle]", "[muscle", "expected TOML"),
     (
         "[muscle]",
