@@ -349,6 +349,12 @@ impl<'a, M: Model> Problem<'a, M> {
         }
     }
 
+    /// Over all records, the predicted ones too.
+    fn over_all(mut self) -> Problem<'a, M> {
+        self.records = self.model.records();
+        self
+    }
+
     fn nominal(&self, x: &DVector<f64>) -> Vec<f64> {
         let mut nominal = vec![0.0; self.model.nominal_blocks().len()];
         for (place, free) in self.free.iter().enumerate() {
@@ -683,15 +689,14 @@ impl<'a, M: Model> Engine<'a, M> {
     fn fit(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let free = self.free(blocks);
         let mut problem = Problem::new(self.model, blocks, &free, candidates);
+        problem.expected = true;
         if candidates.is_empty() {
             // Every comparison is with this fit.
-            problem.expected = true;
             let begun = minimize(&mut problem, DVector::zeros(free.len()), ROUGH)?;
             problem.expected = false;
             let found = minimize(&mut problem, begun.x, TIGHT)?;
             return problem.fit(&found);
         }
-        problem.expected = true;
         let mut begun = Vec::new();
         let least = |a: &Found, b: &Found| a.cost.total_cmp(&b.cost);
         if let [own] = candidates {
@@ -971,18 +976,15 @@ impl<'a, M: Model> Engine<'a, M> {
         Some(hypothesis.candidates.iter().map(of).collect())
     }
 
-    /// The candidates of `hypothesis` whose size may as well be none: that is within its 95 %
-    /// interval. Several sizes of one may be none each and not together, and are not looked at.
-    pub fn vanishing(&self, hypothesis: &Hypothesis) -> Vec<usize> {
-        if hypothesis.candidates.is_empty() {
+    /// The candidates of a hypothesis, which is `estimated`, whose size may as well be none: that
+    /// is within its 95 % interval. Several sizes of one may be none each and not together, and are
+    /// not looked at.
+    pub fn vanishing(&self, estimated: &Hypothesis) -> Vec<usize> {
+        if estimated.candidates.is_empty() {
             return Vec::new();
         }
-        let estimated = self.estimated(hypothesis);
-        let intervals = estimated.and_then(|own| self.intervals(&own));
-        let pairs = hypothesis
-            .candidates
-            .iter()
-            .zip(intervals.unwrap_or_default());
+        let intervals = self.intervals(estimated).unwrap_or_default();
+        let pairs = estimated.candidates.iter().zip(intervals);
         let vanish = pairs.filter(|(candidate, intervals)| {
             let parameters = self.model.candidates()[**candidate].parameters.iter();
             let sizes = parameters.zip(intervals);

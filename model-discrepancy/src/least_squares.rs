@@ -83,6 +83,20 @@ fn outside(value: f64, slack: f64) -> f64 {
     (value.abs() - slack.max(0.0)).max(0.0).copysign(value)
 }
 
+/// What lies outside, and the slope of that, a share of a way on, along which a value and its slack
+/// change.
+fn beyond((value, slack): (f64, f64), (along, widening): (f64, f64), share: f64) -> (f64, f64) {
+    let slack = slack + share * widening;
+    let widening = if slack < 0.0 { 0.0 } else { widening };
+    let outside = outside(value + share * along, slack);
+    let along = if outside < 0.0 {
+        along + widening
+    } else {
+        along - widening
+    };
+    (outside, along)
+}
+
 /// Weight of a residual in a weighted sum of squares that touches the loss where it is.
 fn weight(residual: f64) -> f64 {
     (OUTLIER / residual.abs()).min(1.0)
@@ -294,14 +308,7 @@ impl Linearized<'_> {
         let rows = moved.values.iter().zip(&moved.slack);
         let rows = rows.zip(direction.values.iter().zip(&direction.slack));
         let rows = rows.map(|((value, slack), (along, widening))| {
-            let slack = slack + share * widening;
-            let widening = if slack < 0.0 { 0.0 } else { *widening };
-            let outside = outside(value + share * along, slack);
-            let along = if outside < 0.0 {
-                along + widening
-            } else {
-                along - widening
-            };
+            let (outside, along) = beyond((*value, *slack), (*along, *widening), share);
             outside * weight(outside) * along
         });
         let priors = self.priors.iter().enumerate();
@@ -360,19 +367,12 @@ impl Linearized<'_> {
         let rows = self.residuals.values.iter().zip(&self.residuals.slack);
         let slopes = self.slopes.values.iter().zip(&self.slopes.slack);
         for ((value, slack), (by_value, by_slack)) in rows.zip(slopes) {
-            let slack = slack + place * by_slack;
-            let beyond = outside(value + place * by_value, slack);
-            if beyond == 0.0 {
+            let (outside, along) = beyond((*value, *slack), (*by_value, *by_slack), place);
+            if outside == 0.0 {
                 continue;
             }
-            let widening = if slack < 0.0 { 0.0 } else { *by_slack };
-            let along = if beyond < 0.0 {
-                by_value + widening
-            } else {
-                by_value - widening
-            };
-            slope += beyond.clamp(-OUTLIER, OUTLIER) * along;
-            if beyond.abs() <= OUTLIER {
+            slope += outside.clamp(-OUTLIER, OUTLIER) * along;
+            if outside.abs() <= OUTLIER {
                 curvature += along * along;
             }
         }

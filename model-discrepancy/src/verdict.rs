@@ -95,6 +95,8 @@ pub struct Selection {
     pub null: Hypothesis,
     /// The effects that are named, in their most probable forms; `null` if none is.
     pub named: Hypothesis,
+    /// `named` as it is estimated (see [`Engine::estimated`]), or as it was fitted if it cannot be.
+    pub estimated: Hypothesis,
     /// For each candidate of `named`, the probability that its effect, or one of its alternatives,
     /// is present.
     pub probabilities: Vec<f64>,
@@ -250,12 +252,15 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     };
     let mut names = sorted_names(&certain);
     let mut named = of_names(&names);
-    let vanishing = engine.vanishing(&named);
+    let mut estimated = engine.estimated(&named);
+    let vanishing = estimated.as_ref().map(|own| engine.vanishing(own));
+    let vanishing = vanishing.unwrap_or_default();
     if !vanishing.is_empty() {
         let vanishes = |name: &str| vanishing.iter().any(|own| search.name(*own) == name);
         certain.retain(|own| !vanishes(own.0));
         names = sorted_names(&certain);
         named = of_names(&names);
+        estimated = engine.estimated(&named);
     }
     let is_certain = |effect: &&str| {
         let mut certain = certain.iter();
@@ -294,6 +299,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         alternatives,
         left,
         null,
+        estimated: estimated.unwrap_or_else(|| named.clone()),
         named,
         posterior,
     })

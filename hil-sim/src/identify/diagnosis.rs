@@ -302,8 +302,7 @@ pub fn diagnose(
     let selection = select(&engine, options.costs, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
     watch(Step::Stage("intervals and simulations", 0));
-    let estimated = engine.estimated(&selection.named);
-    let taken = estimated.as_ref().unwrap_or(&selection.named);
+    let taken = &selection.estimated;
     let nominal = nominal_of(&engine, &selection, taken);
     let fitted = model.fitted(&nominal, &taken.fit.effects);
     let effects = named(&engine, &selection, taken);

@@ -603,10 +603,9 @@ impl MuscleModel {
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
                 let fading = record.fading_forces(&forces)?;
                 // What differs from run to run is known with the zeros in it.
-                let zeros = match self.repeatability_n {
-                    None if zeros => record.zeros_of_force(&self.rig),
-                    _ => Vec::new(),
-                };
+                let zeros = zeros && self.repeatability_n.is_none();
+                let zeros = zeros.then(|| record.zeros_of_force(&self.rig));
+                let zeros = zeros.unwrap_or_default();
                 begun_best(&forces, &fading, zeros, |forces| {
                     force_residuals(record, forces)
                 })
@@ -614,11 +613,8 @@ impl MuscleModel {
             _ => {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
-                let zeros = if zeros {
-                    record.zeros_of_balances(&self.rig, force_read)
-                } else {
-                    Vec::new()
-                };
+                let zeros = zeros.then(|| record.zeros_of_balances(&self.rig, force_read));
+                let zeros = zeros.unwrap_or_default();
                 let mut residuals = if force_read {
                     without(balances(&measured_n(record, &rig)?)?, &zeros, None)
                 } else {

@@ -1,8 +1,9 @@
 //! Log evidence of a hypothesis: the probability density of all records, with nominal values,
 //! parameters and laws of effects integrated out about their fit.
 
-use super::START_FACTOR;
-use super::{Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Problem};
+use super::{
+    Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Problem, START_FACTOR,
+};
 use crate::evidence::{Blocks, Linear, Prior};
 use crate::least_squares::{Problem as _, at};
 use crate::rows::{Rows, Timeline};
@@ -152,8 +153,7 @@ impl<M: Model> Engine<'_, M> {
     ) -> Option<(Linear, Vec<Shown>)> {
         let free = self.free(blocks);
         let x = self.coordinates(hypothesis, &free, candidates);
-        let mut problem = Problem::new(self.model, blocks, &free, candidates);
-        problem.records = self.model.records();
+        let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
         let found = at(&mut problem, DVector::from_vec(x))?;
         let slopes = problem.slopes(&found.x, &found.residuals)?.values;
         let laws: Vec<Law> = candidates
@@ -237,8 +237,7 @@ impl<M: Model> Engine<'_, M> {
         found: &Found,
     ) -> Option<Law> {
         let candidate = &self.model.candidates()[number];
-        let mut problem = Problem::new(self.model, blocks, &[], &[]);
-        problem.records = self.model.records();
+        let problem = Problem::new(self.model, blocks, &[], &[]).over_all();
         let effects = &hypothesis.fit.effects;
         let others = effects.iter().filter(|own| own.0 != number).cloned();
         let others: Vec<Active> = others.collect();

@@ -109,8 +109,7 @@ impl<M: Model> Engine<'_, M> {
         free: &'p [usize],
         candidates: &'p [usize],
     ) -> Problem<'p, M> {
-        let mut problem = Problem::new(self.model, blocks, free, candidates);
-        problem.records = self.model.records();
+        let mut problem = Problem::new(self.model, blocks, free, candidates).over_all();
         problem.expected = true;
         problem
     }

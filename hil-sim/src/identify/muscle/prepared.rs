@@ -154,7 +154,7 @@ pub(super) struct Prepared {
     /// With the reference and a smoothed contraction, for the gas; without, for force and load.
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
-    /// Rows of `gas` from one of which to the next it is simulated.
+    /// Rows of `gas` from one of which to the next it is simulated; none without it.
     pub(super) gas_told: Vec<usize>,
     pub(super) noise: Noise,
     pub(super) places: Vec<Place>,
@@ -312,7 +312,7 @@ impl Prepared {
                 .is_some()
                 .then(|| with_columns(record, &OF_GAS)),
             measured,
-            gas_told: gas_told(record, &noise),
+            gas_told: Vec::new(),
             noise,
             places: Vec::new(),
             stops: Vec::new(),
@@ -439,6 +439,7 @@ impl Prepared {
         if let Some(gas) = &mut self.gas {
             let smooth = smoothed(record.time_s(), contraction, self.noise.contraction);
             gas.set(CONTRACTION, smooth);
+            self.gas_told = gas_told(gas, &self.noise);
         }
     }
 

@@ -106,12 +106,8 @@ pub(super) fn gas_residuals(record: &Prepared, rig: Rig, zeros: bool) -> Option<
         (simulated_pa - measured[*row]) / record.noise.pressure_pa
     };
     let residuals = Residuals::exact(record.gas_rows.iter().map(residual).collect());
-    let zeros = if zeros {
-        record.zeros_of_gas()
-    } else {
-        Vec::new()
-    };
-    Some(without(residuals, &zeros, None))
+    let zeros = zeros.then(|| record.zeros_of_gas());
+    Some(without(residuals, &zeros.unwrap_or_default(), None))
 }
 
 /// What a row misses, its dead zone, and the noise of that in this rig and in the nominal one.

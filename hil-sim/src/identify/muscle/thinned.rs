@@ -23,8 +23,8 @@ const PERIOD_S: f64 = 0.008;
 const REST_S: f64 = 0.1;
 pub(super) const CHANGE_NOISES: f64 = 6.0;
 
-/// What changes by so many times its noise from one row to another is no smooth line between them,
-/// for the gas.
+/// What changes by so many times its noise from one row to another is no straight line between
+/// them, for the gas.
 const BENT_NOISES: f64 = 3.0;
 
 /// Whether what is held from each row on is another from `row` on.
@@ -34,21 +34,22 @@ fn switches(record: &Record, row: usize) -> bool {
     held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
 }
 
-/// Rows of `record` from one of which to the next the gas may be simulated, and its pressure is a
-/// straight line within a part of its noise: all but those at rest between two changes of the
-/// reference. All where something is missing or the supply moves.
-pub(super) fn gas_told(record: &Record, noise: &Noise) -> Vec<usize> {
-    let time_s = record.time_s();
-    let all = || (0..time_s.len()).collect();
-    let signals = [PRESSURE_PA, CONTRACTION].map(|name| {
-        let values = record.column(name).unwrap_or_default();
-        (smoothed(time_s, values, noise.of(name)), noise.of(name))
-    });
-    let known = |(values, _): &(Vec<f64>, f64)| {
+/// Rows of `gas`, whose contraction is smooth, from one of which to the next it may be simulated,
+/// and its pressure is a straight line within a part of its noise: all but those at rest between
+/// two changes of the reference. All where something is missing or the supply moves.
+pub(super) fn gas_told(gas: &Record, noise: &Noise) -> Vec<usize> {
+    let time_s = gas.time_s();
+    let column = |name| gas.column(name).unwrap_or_default();
+    let pressure_pa = smoothed(time_s, column(PRESSURE_PA), noise.pressure_pa);
+    let signals = [
+        (&pressure_pa[..], noise.pressure_pa),
+        (column(CONTRACTION), noise.contraction),
+    ];
+    let known = |(values, _): &(&[f64], f64)| {
         values.len() == time_s.len() && values.iter().all(|value| value.is_finite())
     };
-    if !signals.iter().all(known) || record.column(SUPPLY_PA).is_some() {
-        return all();
+    if !signals.iter().all(known) || gas.column(SUPPLY_PA).is_some() {
+        return (0..time_s.len()).collect();
     }
     let changes = |from: usize, to: usize| {
         let mut signals = signals.iter();
@@ -58,7 +59,7 @@ pub(super) fn gas_told(record: &Record, noise: &Noise) -> Vec<usize> {
     for row in 1..time_s.len() {
         let last = told[told.len() - 1];
         let ends = row + 1 == time_s.len() || time_s[row + 1] > time_s[last] + REST_S;
-        if switches(record, row) || changes(last, row) || ends {
+        if switches(gas, row) || changes(last, row) || ends {
             // What comes at once is not spread over the time before it.
             if last + 1 < row {
                 told.push(row - 1);
