@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -39,6 +39,35 @@ pub enum ToDevice {
     WriteSettings(SettingsValues),
     /// A command for the next tick.
     Command(Command),
+    /// Who changes settings, and when, for the next [`ToDevice::WriteSettings`].
+    Sign(Signature),
+    /// Requests [`FromDevice::Change`] of the settings so many changes before those in force.
+    ReadChange(u16),
+}
+
+/// Who has changed settings, and when, as the PC tells; the board has no clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Signature {
+    /// Seconds since 1970, UTC; 0: not known.
+    pub utc_s: u32,
+    /// The first bytes of a person's or a program's name, in UTF-8; zeros: not known.
+    pub author: Author,
+    /// The button was held for it. The board tells; what the PC writes here has no effect.
+    pub is_confirmed: bool,
+}
+
+/// A name: UTF-8, and zeros to its end.
+pub type Author = [u8; 16];
+
+/// Settings that were stored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Counts up with each change.
+    pub number: u32,
+    /// Who changed them, and when.
+    pub signature: Signature,
+    /// What they were.
+    pub values: SettingsValues,
 }
 
 /// From the board to the PC.
@@ -52,6 +81,8 @@ pub enum FromDevice {
     Written(Written),
     /// Each tick.
     Telemetry(Telemetry),
+    /// Answer to [`ToDevice::ReadChange`]; none if there is no such change, or it is unreadable.
+    Change(Option<Change>),
 }
 
 /// Result of storing settings.
@@ -65,6 +96,10 @@ pub enum Written {
     Invalid,
     /// The flash has failed: the board restarts with the newest settings that it can read.
     FlashFailed,
+    /// The safety block differs: the button must be held, within 30 s. Another answer follows.
+    AwaitsButton,
+    /// The button was not held for long enough, or other settings were written meanwhile.
+    NotConfirmed,
 }
 
 /// Where a tick's sensor readings came from.
@@ -127,6 +162,8 @@ pub struct Identity {
     pub start: Option<StartFault>,
     /// Where its settings came from.
     pub settings: SettingsSource,
+    /// The safety block in force: see [`crate::limits::safety_hash`].
+    pub safety_hash: u32,
     /// Stack that was never used \[byte\].
     pub stack_free_bytes: u16,
     /// Frames that were dropped because they were damaged.
@@ -396,6 +433,16 @@ mod tests {
         settings.self_check_ticks_max = u16::MAX;
         let message = ToDevice::WriteSettings(settings);
         assert_eq!(received(&frame(&message)), [Some(message)]);
+        let change = FromDevice::Change(Some(Change {
+            number: u32::MAX,
+            signature: Signature {
+                utc_s: u32::MAX,
+                author: [0xFF; 16],
+                is_confirmed: true,
+            },
+            values: settings,
+        }));
+        assert!(encode(&change, &mut [0; FRAME_LEN_MAX]).is_ok());
         let crash = Crash::Panic {
             line: u32::MAX,
             file_end: [0xFF; 16],
@@ -410,6 +457,7 @@ mod tests {
             fault: Some(Fault::Encoder(Doubt::Stuck)),
             start: Some(StartFault::ValveVoltage),
             settings: SettingsSource::Stored,
+            safety_hash: u32::MAX,
             stack_free_bytes: u16::MAX,
             frames_rejected: u32::MAX,
             messages_dropped: u32::MAX,
