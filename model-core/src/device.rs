@@ -127,8 +127,8 @@ impl<C: Control> Device<C> {
         self
     }
 
-    /// Asks at the device for the proposed settings of this number (see [`crate::gate`]), or asks no
-    /// longer.
+    /// Asks at the device for the proposed settings of this number (see [`crate::gate`]), or asks
+    /// no longer.
     pub fn propose(&mut self, number: Option<u32>) {
         self.confirmation.propose(number);
     }

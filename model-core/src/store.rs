@@ -3,11 +3,11 @@
 //! Two sectors are divided into slots. Each write goes to the next empty slot, with a number one
 //! higher. When a sector is full, the other one is erased and used. The valid slot of the highest
 //! number holds the settings, wherever it is. What a power cut leaves in a slot or in a sector is
-//! either not valid or has a lower number, and the newest settings are never erased. The slots before
-//! the newest tell what was changed, by whom and when.
+//! either not valid or has a lower number, and the newest settings are never erased. The slots
+//! before the newest tell what was changed, by whom and when.
 //!
 //! ```text
-//! slot: mark │ length u16 │ number u32 │ settings as encoded │ signature │ CRC-32 of all that │ 0xFF …
+//! slot: mark │ length u16 │ number u32 │ settings as encoded │ signature │ CRC-32 │ 0xFF …
 //! ```
 
 use crate::error::SettingsError;
