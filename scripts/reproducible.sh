@@ -9,8 +9,11 @@ board=${1:-nucleo-f446re}
 temporary=$(mktemp -d)
 trap 'rm -rf "$temporary"' EXIT
 
+# Commits may be added between the two.
+commit=$(git rev-parse HEAD)
 for folder in first a/second-one; do
     git clone -q --no-hardlinks . "$temporary/$folder/sources"
+    git -C "$temporary/$folder/sources" checkout -q "$commit"
     (
         unset CARGO_TARGET_DIR
         # What has been installed is not installed again.
