@@ -11,13 +11,44 @@
 //! ends both.
 
 use crate::limits::agree;
-use crate::link::{Signature, Written};
 use crate::settings::{Settings, SettingsValues};
+use serde::{Deserialize, Serialize};
 
 /// Ticks for which the button must be held: 2 s, longer than any press with another purpose.
 pub const HELD_TICKS: u16 = 200;
 /// Ticks after which the question ends: 30 s, in which a person walks from the PC to the device.
 pub const ASKED_TICKS: u16 = 3000;
+
+/// Who has changed settings, and when, as the PC tells; the board has no clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Signature {
+    /// Seconds since 1970, UTC; 0: not known.
+    pub utc_s: u32,
+    /// The first bytes of a person's or a program's name, in UTF-8; zeros: not known.
+    pub author: Author,
+    /// The button was held for it. The board tells; what the PC writes here has no effect.
+    pub is_confirmed: bool,
+}
+
+/// A name: UTF-8, and zeros to its end.
+pub type Author = [u8; 16];
+
+/// Result of storing settings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Written {
+    /// The settings are stored: the board restarts.
+    Stored,
+    /// The muscle is or may be under pressure.
+    Armed,
+    /// A value is outside its limits or contradicts another.
+    Invalid,
+    /// The flash has failed: the board restarts with the newest settings that it can read.
+    FlashFailed,
+    /// The safety block differs: the button must be held, within 30 s. Another answer follows.
+    AwaitsButton,
+    /// The button was not held for long enough, or other settings were written meanwhile.
+    NotConfirmed,
+}
 
 /// What was done at the device about the proposal of that number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

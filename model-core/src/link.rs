@@ -8,6 +8,7 @@
 //! decoder is synchronised at the next zero. A frame that does not pass its checksum is dropped.
 
 use crate::device::Command;
+pub use crate::gate::{Author, Signature, Written};
 use crate::io::{Output, Sensors};
 use crate::settings::SettingsValues;
 use crate::start::StartFault;
@@ -45,20 +46,6 @@ pub enum ToDevice {
     ReadChange(u16),
 }
 
-/// Who has changed settings, and when, as the PC tells; the board has no clock.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Signature {
-    /// Seconds since 1970, UTC; 0: not known.
-    pub utc_s: u32,
-    /// The first bytes of a person's or a program's name, in UTF-8; zeros: not known.
-    pub author: Author,
-    /// The button was held for it. The board tells; what the PC writes here has no effect.
-    pub is_confirmed: bool,
-}
-
-/// A name: UTF-8, and zeros to its end.
-pub type Author = [u8; 16];
-
 /// Settings that were stored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {
@@ -83,23 +70,6 @@ pub enum FromDevice {
     Telemetry(Telemetry),
     /// Answer to [`ToDevice::ReadChange`]; none if there is no such change, or it is unreadable.
     Change(Option<Change>),
-}
-
-/// Result of storing settings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Written {
-    /// The settings are stored: the board restarts.
-    Stored,
-    /// The muscle is or may be under pressure.
-    Armed,
-    /// A value is outside its limits or contradicts another.
-    Invalid,
-    /// The flash has failed: the board restarts with the newest settings that it can read.
-    FlashFailed,
-    /// The safety block differs: the button must be held, within 30 s. Another answer follows.
-    AwaitsButton,
-    /// The button was not held for long enough, or other settings were written meanwhile.
-    NotConfirmed,
 }
 
 /// Where a tick's sensor readings came from.
