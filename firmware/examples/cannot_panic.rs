@@ -8,13 +8,16 @@ use core::hint::black_box;
 use core::num::NonZeroU32;
 use core::panic::PanicInfo;
 use model_core::device::{Device, Pins};
+use model_core::gate::{Decision, SettingsGate};
+use model_core::limits::safety_hash;
 use model_core::link::{
-    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, board_name,
-    check_image, encode,
+    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, Signature, ToDevice,
+    board_name, check_image, encode,
 };
 use model_core::sampling::{SAMPLES, SCANS, Sampler};
 use model_core::settings::Settings;
 use model_core::start::{StartFault, StartFindings, VALVE_LEVELS, valve_level};
+use model_core::store;
 use model_core::timing::{LinkLoad, TickClock};
 use rig_drivers::ads1220::reading;
 use stm32f4xx_hal as _;
@@ -62,6 +65,7 @@ fn main() -> ! {
         fault: None,
         start,
         settings: SettingsSource::Stored,
+        safety_hash: safety_hash(&values),
         stack_free_bytes: 0,
         frames_rejected: 0,
         messages_dropped: 0,
@@ -69,6 +73,7 @@ fn main() -> ! {
     let mut load = LinkLoad::new(black_box(NonZeroU32::MIN));
     let start = black_box(Some(StartFault::Ram));
     let mut device = Device::new(settings).started(start);
+    let mut gate = SettingsGate::default();
     let mut sampler = Sampler::new(black_box(0));
     loop {
         let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
@@ -81,13 +86,23 @@ fn main() -> ! {
             encoder: black_box(Pins::default().encoder),
             button_pressed: black_box(false),
             stop_open: black_box([false; 2]),
+            enabling_closed: black_box(false),
         };
         let message = decoder.push::<ToDevice>(black_box(0));
         let command = match message {
             Some(Ok(ToDevice::Command(command))) => Some(command),
             _ => None,
         };
+        if let Some(Ok(ToDevice::WriteSettings(offered))) = message {
+            let offer = gate.offer(&values, offered, Signature::default(), black_box(false));
+            if let Decision::Ask(number) = black_box(offer) {
+                device.propose(Some(number));
+            }
+        }
+        let change = store::change(black_box([&[], &[]]), black_box(0));
+        let _ = black_box(encode(&FromDevice::Change(change), &mut [0; FRAME_LEN_MAX]));
         let tick = device.tick(&pins, timing, command.into_iter());
+        black_box(tick.verdict.and_then(|verdict| gate.decide(verdict)));
         let telemetry = FromDevice::Telemetry(tick.telemetry);
         let _ = black_box(encode(&telemetry, &mut [0; FRAME_LEN_MAX]));
         let _ = black_box(encode(

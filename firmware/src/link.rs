@@ -4,10 +4,12 @@ use crate::board;
 use crate::driver::serial::Serial;
 use core::num::NonZeroU32;
 use embedded_hal::delay::DelayNs;
+use model_core::limits::safety_hash;
 use model_core::link::{
     self, Decoder, FRAME_LEN_MAX, FromDevice, Identity, Note, ResetCause, SettingsSource,
     Telemetry, ToDevice,
 };
+use model_core::settings::SettingsValues;
 use model_core::start::StartFault;
 use model_core::timing::LinkLoad;
 
@@ -91,6 +93,7 @@ pub fn identity(
     reset: ResetCause,
     note: Note,
     settings: SettingsSource,
+    values: &SettingsValues,
     start: Option<StartFault>,
 ) -> Identity {
     let number = |text: &str| text.parse().unwrap_or(0);
@@ -108,6 +111,7 @@ pub fn identity(
         fault: note.fault,
         start,
         settings,
+        safety_hash: safety_hash(values),
         stack_free_bytes: 0,
         frames_rejected: 0,
         messages_dropped: 0,

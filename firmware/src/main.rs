@@ -23,7 +23,7 @@ use defmt_rtt as _;
 
 #[rtic::app(device = stm32f4xx_hal::pac, peripherals = true)]
 mod app {
-    use crate::board::{self, ButtonPin, LampPin, PortPin, StopPins};
+    use crate::board::{self, ButtonPin, EnablingPin, LampPin, PortPin, StopPins};
     use crate::crash;
     use crate::driver::Devices;
     use crate::driver::adc::Adc;
@@ -38,12 +38,14 @@ mod app {
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
     use model_core::device::{Command, Device, Pins};
+    use model_core::gate::{Decision, SettingsGate, Verdict};
     use model_core::io::Request;
-    use model_core::link::{FromDevice, Identity, Telemetry, ToDevice, Written};
-    use model_core::settings::{Settings, SettingsValues};
+    use model_core::link::{FromDevice, Identity, Signature, Telemetry, ToDevice, Written};
+    use model_core::settings::SettingsValues;
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
     use rig_drivers::button::Button;
+    use rig_drivers::contact::Contact;
     use rig_drivers::encoder::Encoder;
     use rig_drivers::output::Output;
     use rig_drivers::stop::Stop;
@@ -81,6 +83,7 @@ mod app {
         encoder: Encoder<Counter>,
         button: Button<ButtonPin>,
         stop: Stop<StopPins>,
+        enabling: Contact<EnablingPin>,
         valve: Valve,
         port: Output<PortPin>,
         lamp: Output<LampPin>,
@@ -89,6 +92,12 @@ mod app {
         commands: Consumer<'static, Command>,
         from_tick: Producer<'static, Telemetry>,
         telemetries: Consumer<'static, Telemetry>,
+        to_ask: Producer<'static, Option<u32>>,
+        proposals: Consumer<'static, Option<u32>>,
+        to_decide: Producer<'static, Verdict>,
+        verdicts: Consumer<'static, Verdict>,
+        gate: SettingsGate,
+        signature: Signature,
         link: Link,
         link_timer: CounterUs<TIM3>,
         delay: SysDelay,
@@ -104,6 +113,8 @@ mod app {
         command_queue: Queue<Command, 16> = Queue::new(),
         telemetry_queue: Queue<Telemetry, 4> = Queue::new(),
         change_queue: Queue<Change, 8> = Queue::new(),
+        proposal_queue: Queue<Option<u32>, 8> = Queue::new(),
+        verdict_queue: Queue<Verdict, 8> = Queue::new(),
     ])]
     fn init(cx: init::Context) -> (Shared, Local) {
         let note = crash::take_note();
@@ -122,11 +133,13 @@ mod app {
         if let Some(fault) = start {
             defmt::error!("start-up self-test: {=str}", fault.name());
         }
-        let identity = link::identity(reset, note, source, start);
+        let identity = link::identity(reset, note, source, settings.values(), start);
 
         let (to_tick, commands) = cx.local.command_queue.split();
         let (from_tick, telemetries) = cx.local.telemetry_queue.split();
         let (to_log, changes) = cx.local.change_queue.split();
+        let (to_ask, proposals) = cx.local.proposal_queue.split();
+        let (to_decide, verdicts) = cx.local.verdict_queue.split();
         devices.watchdog.expect_ticks();
         #[cfg(not(feature = "ads1220"))]
         devices.tick_timer.start();
@@ -143,6 +156,7 @@ mod app {
                 encoder: devices.encoder,
                 button: devices.button,
                 stop: devices.stop,
+                enabling: devices.enabling,
                 valve: devices.valve,
                 port: devices.port,
                 lamp: devices.lamp,
@@ -151,6 +165,12 @@ mod app {
                 commands,
                 from_tick,
                 telemetries,
+                to_ask,
+                proposals,
+                to_decide,
+                verdicts,
+                gate: SettingsGate::default(),
+                signature: Signature::default(),
                 link: Link::new(devices.serial),
                 link_timer: devices.link_timer,
                 delay: devices.delay,
@@ -166,8 +186,8 @@ mod app {
 
     /// One tick of the controller; the DMA starts it when the scan of the ADC is complete.
     #[task(binds = DMA2_STREAM0, priority = 3,
-        local = [device, clock, adc, encoder, button, stop, valve, port, lamp, watchdog, commands,
-        from_tick])]
+        local = [device, clock, adc, encoder, button, stop, enabling, valve, port, lamp, watchdog,
+        commands, from_tick, proposals, to_decide])]
     fn tick(cx: tick::Context) {
         let local = cx.local;
         let begin_cycles = DWT::cycle_count();
@@ -179,7 +199,11 @@ mod app {
             encoder: local.encoder.read(),
             button_pressed: local.button.is_pressed(),
             stop_open: local.stop.open(),
+            enabling_closed: local.enabling.is_closed(),
         };
+        while let Some(proposed) = local.proposals.dequeue() {
+            local.device.propose(proposed);
+        }
         let vent = VENT_REQUESTED.swap(false, Relaxed).then_some(VENT);
         let queued = core::iter::from_fn(|| local.commands.dequeue());
         let tick = local
@@ -189,6 +213,10 @@ mod app {
         local.port.set(tick.port_pulse);
         local.lamp.set(tick.lamp);
         ARMED.store(tick.armed, Relaxed);
+        if let Some(verdict) = tick.verdict {
+            // Full only if the link task does not run: then nothing is stored.
+            let _ = local.to_decide.enqueue(verdict);
+        }
         // Full only if the link task has not run for four ticks. The PC sees the gap in the tick
         // numbers.
         let _ = local.from_tick.enqueue(tick.telemetry);
@@ -206,10 +234,12 @@ mod app {
 
     /// Sends telemetry and answers, receives commands.
     #[task(binds = TIM3, priority = 2, local = [link, link_timer, delay, telemetries, to_tick,
-        store, settings, identity, to_log, last_change, identity_sent: bool = false])]
+        store, settings, identity, to_log, last_change, to_ask, verdicts, gate, signature,
+        identity_sent: bool = false])]
     fn serve_link(cx: serve_link::Context) {
         let local = cx.local;
         let link = local.link;
+        let mut decision = None;
         local.link_timer.clear_flags(Flag::Update);
         let mut identify = !core::mem::replace(local.identity_sent, true);
         while let Some(telemetry) = local.telemetries.dequeue() {
@@ -221,12 +251,23 @@ mod app {
                 let _ = local.to_log.enqueue(change);
             }
         }
-        while let Some(message) = link.receive() {
+        while let Some(verdict) = local.verdicts.dequeue() {
+            decision = decision.or(local.gate.decide(verdict));
+        }
+        while decision.is_none()
+            && let Some(message) = link.receive()
+        {
             match message {
                 ToDevice::Identify => identify = true,
                 ToDevice::ReadSettings => link.answer(&FromDevice::Settings(*local.settings)),
                 ToDevice::WriteSettings(values) => {
-                    write_settings(link, local.store, local.delay, values);
+                    let armed = ARMED.load(Relaxed);
+                    let signature = core::mem::take(local.signature);
+                    decision = Some(local.gate.offer(local.settings, values, signature, armed));
+                }
+                ToDevice::Sign(signature) => *local.signature = signature,
+                ToDevice::ReadChange(back) => {
+                    link.answer(&FromDevice::Change(local.store.change(back)));
                 }
                 ToDevice::Command(VENT) => VENT_REQUESTED.store(true, Relaxed),
                 ToDevice::Command(command) => {
@@ -235,6 +276,16 @@ mod app {
                     }
                 }
             }
+        }
+        if let Some(decision) = decision {
+            carry_out(
+                link,
+                local.gate,
+                local.to_ask,
+                local.store,
+                local.delay,
+                &decision,
+            );
         }
         if identify {
             local.identity.stack_free_bytes = crash::stack_free_bytes();
@@ -245,33 +296,49 @@ mod app {
         link.pump();
     }
 
-    /// Stores valid settings and resets the board, which then starts with them. Settings change in
-    /// no other way, so that they are constant while ticks run. Refused while armed.
-    fn write_settings(
+    /// Answers, asks at the device, or stores settings and resets the board, which then starts with
+    /// them. Settings change in no other way, so that they are constant while ticks run. Refused
+    /// while armed.
+    fn carry_out(
         link: &mut Link,
+        gate: &mut SettingsGate,
+        to_ask: &mut Producer<'static, Option<u32>>,
         store: &mut Store<Flash>,
         delay: &mut SysDelay,
-        values: SettingsValues,
+        decision: &Decision,
     ) {
-        let Ok(settings) = Settings::new(values) else {
-            return link.answer(&FromDevice::Written(Written::Invalid));
-        };
-        cortex_m::interrupt::free(|_| {
-            // The tick, which writes it, is masked from here on.
-            if ARMED.load(Relaxed) {
-                return link.answer(&FromDevice::Written(Written::Armed));
+        let answer = |written| FromDevice::Written(written);
+        match decision {
+            Decision::Answer(written) => link.answer(&answer(*written)),
+            Decision::Ask(number) if to_ask.enqueue(Some(*number)).is_ok() => {
+                link.answer(&answer(Written::AwaitsButton));
             }
-            valve::make_safe();
-            iwdg::expect_no_ticks();
-            let stored = store.store(&settings);
-            link.answer(&FromDevice::Written(if stored {
-                Written::Stored
-            } else {
-                Written::FlashFailed
-            }));
-            link.flush(delay);
-            SCB::sys_reset()
-        })
+            Decision::Ask(_) => {
+                gate.forget();
+                link.answer(&answer(Written::NotConfirmed));
+            }
+            // In a full queue the question goes on, but no answer to it has an effect.
+            Decision::Withdraw => {
+                let _ = to_ask.enqueue(None);
+                link.answer(&answer(Written::NotConfirmed));
+            }
+            Decision::Store(settings, signature) => cortex_m::interrupt::free(|_| {
+                // The tick, which writes it, is masked from here on.
+                if ARMED.load(Relaxed) {
+                    return link.answer(&answer(Written::Armed));
+                }
+                valve::make_safe();
+                iwdg::expect_no_ticks();
+                let stored = store.store(settings, signature);
+                link.answer(&answer(if stored {
+                    Written::Stored
+                } else {
+                    Written::FlashFailed
+                }));
+                link.flush(delay);
+                SCB::sys_reset()
+            }),
+        }
     }
 
     /// Writes changes of mode and fault to the log, and sleeps.

@@ -9,6 +9,7 @@ use hil_sim::bench::hil::{self, Job};
 use hil_sim::bench::port::client::{Client, LinkError, Transport};
 use hil_sim::bench::recorder::{Recorder, Timeline};
 use hil_sim::bench::replay::{Inputs, OnBoard, OnPc, replay};
+use hil_sim::bench::settings_file;
 use hil_sim::bench::tick;
 use hil_sim::bench::view::View;
 use hil_sim::record::Record;
@@ -18,6 +19,7 @@ use hil_sim::rig::Rig;
 use model_core::controller::Controller;
 use model_core::device::Command;
 use model_core::io::{Request, Sensors};
+use model_core::limits::safety_hash;
 use model_core::link::{FromDevice, Telemetry, ToDevice, Written};
 use model_core::settings::{Settings, SettingsValues};
 use proptest::prelude::*;
@@ -97,6 +99,7 @@ fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Pat
         rig: Some("none".into()),
         seed: Some(u64::MAX),
         started: STARTED,
+        ..Origin::default()
     };
     let mut recorder = Recorder::create(path, &origin).unwrap();
     client.restart_in_loop().unwrap();
@@ -326,6 +329,47 @@ fn settings_are_stored_only_if_allowed() {
         client.write_settings(&invalid),
         Err(LinkError::NotStored(_))
     ));
+}
+
+#[test]
+fn settings_of_the_safety_block_wait_for_the_button() {
+    let faster = SettingsValues {
+        reference_speed_m_per_s_max: 1.0,
+        ..SettingsValues::reference()
+    };
+    let mut tuned = SettingsValues::reference();
+    tuned.compensation.friction_n = 1.0;
+    let mut board = DeviceBoard::new(1);
+    board.hand = None;
+    let mut client = client(board).with_person("A. Person", |_| {});
+    let refused = client.write_settings(&faster);
+    assert!(
+        matches!(refused, Err(LinkError::NotConfirmed)),
+        "{refused:?}"
+    );
+    assert_eq!(client.settings().unwrap(), SettingsValues::reference());
+    // Others need nobody at the board.
+    client.write_settings(&tuned).unwrap();
+    let change = client.change(0).unwrap().unwrap();
+    assert_eq!(change.values, tuned);
+    assert!(!change.signature.is_confirmed && change.signature.utc_s > 1_700_000_000);
+    let said = settings_file::changed(&change, Some(&SettingsValues::reference()));
+    assert!(said.contains("by A. Person, 20"), "{said}");
+    assert!(said.contains("compensation.friction_n: 0 → 1\n"), "{said}");
+    assert_eq!(client.change(1).unwrap(), None);
+}
+
+#[test]
+fn held_button_stores_them_and_signs() {
+    let faster = SettingsValues {
+        reference_speed_m_per_s_max: 1.0,
+        ..SettingsValues::reference()
+    };
+    let mut client = client(DeviceBoard::new(1));
+    client.write_settings(&faster).unwrap();
+    assert_eq!(client.settings().unwrap(), faster);
+    assert_eq!(client.identity().unwrap().safety_hash, safety_hash(&faster));
+    assert!(client.change(0).unwrap().unwrap().signature.is_confirmed);
 }
 
 #[test]

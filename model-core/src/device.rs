@@ -3,6 +3,8 @@
 //! The firmware reads pins and bytes. This module decides what follows from them.
 
 use crate::controller::{Control, Controller};
+use crate::enabling::Enabling;
+use crate::gate::{Confirmation, Verdict};
 use crate::io::{Output, Request, Sensors};
 use crate::lamp;
 use crate::limits::HIL_SILENCE_TICKS;
@@ -56,6 +58,8 @@ pub struct Pins {
     pub button_pressed: bool,
     /// The two contacts of the emergency stop, or their wires, are open.
     pub stop_open: [bool; 2],
+    /// The contact of the enabling device is closed: it is held in its middle position.
+    pub enabling_closed: bool,
 }
 
 /// Result of a tick.
@@ -70,6 +74,8 @@ pub struct Tick {
     pub lamp: bool,
     /// The muscle is or may be under pressure: settings must not change.
     pub armed: bool,
+    /// What was done at the device about proposed settings, in the tick in which it was.
+    pub verdict: Option<Verdict>,
     /// Telemetry for the link.
     pub telemetry: Telemetry,
 }
@@ -82,6 +88,8 @@ pub struct Device<C = Controller> {
     hil: Voted<Option<Hil>>,
     button: Button,
     stop: StopContacts,
+    enabling: Enabling,
+    confirmation: Confirmation,
     /// A flipped bit must not put the valve to 0 V.
     start: Voted<Option<StartFault>>,
     tick: u32,
@@ -104,6 +112,8 @@ impl<C: Control> Device<C> {
             hil: Voted::new(None),
             button: Button::default(),
             stop: StopContacts::default(),
+            enabling: Enabling::default(),
+            confirmation: Confirmation::default(),
             start: Voted::new(None),
             tick: 0,
             output: Output::default(),
@@ -115,6 +125,12 @@ impl<C: Control> Device<C> {
     pub fn started(mut self, fault: Option<StartFault>) -> Device<C> {
         self.start = Voted::new(fault);
         self
+    }
+
+    /// Asks at the device for the proposed settings of this number (see [`crate::gate`]), or asks
+    /// no longer.
+    pub fn propose(&mut self, number: Option<u32>) {
+        self.confirmation.propose(number);
     }
 
     /// The controller, for the fault campaign to damage its memory.
@@ -136,7 +152,13 @@ impl<C: Control> Device<C> {
         commands: impl Iterator<Item = Command>,
     ) -> Tick {
         self.tick = self.tick.wrapping_add(1);
-        let pressed = self.button.request(pins.button_pressed, self.output.mode);
+        let is_armed = self.is_armed();
+        let verdict = self.confirmation.tick(pins.button_pressed, is_armed);
+        let mut pressed = self.button.request(pins.button_pressed, self.output.mode);
+        // A press that answers is no request; one that ends a motion is.
+        if !is_armed && (self.confirmation.is_asking() || verdict.is_some()) {
+            pressed = Request::None;
+        }
         let stop = self.stop.request(pins.stop_open);
         let mut request = if stop == Request::None { pressed } else { stop };
         let mut hil = self.hil.recall().0.copied().flatten();
@@ -159,7 +181,10 @@ impl<C: Control> Device<C> {
         let (source, sensors) = match (hil, simulated) {
             (Some(_), Some(message)) => (Source::Link(message.sequence), message.sensors),
             (Some(_), None) => (Source::Silence, Sensors::default()),
-            (None, _) => (Source::Pins, from_pins(pins, timing, request)),
+            (None, _) => {
+                let request = self.enabled(pins.enabling_closed, request);
+                (Source::Pins, from_pins(pins, timing, request))
+            }
         };
         // Of what nothing is known no assistance begins.
         let start = *self.start.recall().0.unwrap_or(&Some(StartFault::Ram));
@@ -192,14 +217,9 @@ impl<C: Control> Device<C> {
                 DacCount::default()
             },
             port_pulse: source == Source::Pins && self.opens_port() && self.tick % 2 == 1,
-            lamp: lamp::is_lit(
-                self.output.mode,
-                self.output.fault,
-                stop,
-                start == Some(StartFault::BrownOut),
-                self.tick,
-            ),
+            lamp: self.is_lit(stop, start),
             armed: self.is_armed(),
+            verdict,
             telemetry,
         }
     }
@@ -212,6 +232,24 @@ impl<C: Control> Device<C> {
             let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
             moves || state.pressure_ref_pa > 0.0
         })
+    }
+
+    fn is_lit(&self, stop: Request, start: Option<StartFault>) -> bool {
+        if self.confirmation.is_asking() {
+            return lamp::asks(self.confirmation.is_held(), self.tick);
+        }
+        let warns = start == Some(StartFault::BrownOut);
+        lamp::is_lit(self.output.mode, self.output.fault, stop, warns, self.tick)
+    }
+
+    /// The request that the enabling device leaves, if the rig has one: as any copy has it.
+    fn enabled(&mut self, is_closed: bool, request: Request) -> Request {
+        let mut copies = self.controller.memory().settings.copies().iter();
+        if copies.any(|values| values.enabling_device != 0) {
+            self.enabling.allow(is_closed, self.output.mode, request)
+        } else {
+            request
+        }
     }
 
     fn opens_port(&self) -> bool {
@@ -337,6 +375,7 @@ mod tests {
             encoder: EncoderCount(7),
             button_pressed: false,
             stop_open: [false; 2],
+            enabling_closed: false,
         }
     }
 
@@ -490,6 +529,74 @@ mod tests {
             let fault = device.controller.state().fault;
             assert_eq!(fault, Some(Fault::StopContactsDiffer));
         }
+    }
+
+    #[test]
+    fn held_button_answers_the_question_and_requests_nothing() {
+        let mut device = ready();
+        device.propose(Some(3));
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        assert_eq!(tick(&mut device, &resting(), &[]).verdict, None);
+        let verdicts = (0..300).filter_map(|_| {
+            let seen = tick(&mut device, &pressed, &[]);
+            assert_eq!(mode(&seen), Mode::Ready);
+            seen.verdict
+        });
+        let confirmed = Verdict {
+            number: 3,
+            is_confirmed: true,
+        };
+        assert_eq!(verdicts.collect::<Vec<_>>(), [confirmed]);
+    }
+
+    #[test]
+    fn question_does_not_keep_the_button_from_ending_a_motion() {
+        let mut device = ready();
+        tick(
+            &mut device,
+            &resting(),
+            &[Command::Request(Request::Assist)],
+        );
+        device.propose(Some(3));
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        for _ in 0..BUTTON_TICKS {
+            tick(&mut device, &pressed, &[]);
+        }
+        assert_eq!(device.controller.state().mode, Mode::Venting);
+    }
+
+    #[test]
+    fn rig_with_an_enabling_device_needs_it() {
+        let values = SettingsValues {
+            stuck_ticks: 0,
+            enabling_device: 1,
+            ..SettingsValues::reference()
+        };
+        let held = Pins {
+            enabling_closed: true,
+            ..resting()
+        };
+        let mut device = Device::new(Settings::new(values).unwrap());
+        let mut run = |pins: &Pins, request| {
+            let commands = [Command::Request(request)];
+            (0..60).fold(Mode::Venting, |_, _| {
+                mode(&tick(&mut device, pins, &commands))
+            })
+        };
+        assert_eq!(run(&resting(), Request::None), Mode::Ready);
+        assert_eq!(run(&resting(), Request::Assist), Mode::Ready);
+        assert_eq!(run(&held, Request::Assist), Mode::Assisting);
+        assert_eq!(run(&resting(), Request::Assist), Mode::Venting);
+        assert_eq!(run(&resting(), Request::Reset), Mode::Venting);
+        // The reset begins the self-check, after which the switch has to be let go once.
+        assert_eq!(run(&held, Request::Reset), Mode::Ready);
+        assert_eq!(run(&held, Request::Assist), Mode::Ready);
     }
 
     /// Whether the level for the valve in the muscle's port changes from tick to tick: an edge in

@@ -73,6 +73,12 @@ pub fn is_lit(mode: Mode, fault: Option<Fault>, request: Request, warns: bool, t
     }
 }
 
+/// Whether the lamp is lit in this tick while it asks to hold the button: 10 flashes a second, and
+/// steady while it is held.
+pub fn asks(is_held: bool, tick: u32) -> bool {
+    is_held || tick % 10 < 5
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -63,22 +63,39 @@ pub struct Limit {
     pub source: &'static str,
     /// The value in a set of settings.
     pub value: fn(&SettingsValues) -> f32,
+    /// It belongs to the safety block, which the link alone does not change ([`crate::gate`]).
+    pub is_safety: bool,
+    /// Changes the value in a set of settings.
+    #[cfg(test)]
+    pub set: fn(&mut SettingsValues, f32),
 }
 
 macro_rules! limits {
-    ($($($field:ident).+: $min:expr, $max:expr, $source:expr;)*) => {
-        &[$(Limit {
+    ($($block:ident { $($($field:ident).+: $min:expr, $max:expr, $source:expr;)* })*) => {
+        &[$($(Limit {
             name: stringify!($($field).+),
             min: $min,
             max: $max,
             source: $source,
             value: |values| values.$($field).+ as f32,
-        }),*]
+            is_safety: $block::IS_SAFETY,
+            #[cfg(test)]
+            set: |values, value| values.$($field).+ = value as _,
+        }),*),*]
     };
 }
 
-/// Every setting's limits.
-pub const LIMITS: &[Limit] = limits! {
+mod safety {
+    pub const IS_SAFETY: bool = true;
+}
+
+mod tuning {
+    pub const IS_SAFETY: bool = false;
+}
+
+/// Every setting's limits. Tuning is what the safety block bounds: whatever it is, the compensation
+/// adds at most `compensation.force_n_max` and `compensation.pressure_pa_max`.
+pub const LIMITS: &[Limit] = limits! { safety {
     muscle.alpha_m2: 1e-6, 1.0, "1 mm² to the size of a person";
     muscle.beta_m2: -1.0, 0.0, "negative: the braid's end caps push (Eq 1)";
     muscle.gamma_n: -1e4, 0.0, "the rubber's own force, which opposes (Eq 1)";
@@ -115,16 +132,69 @@ pub const LIMITS: &[Limit] = limits! {
     stuck_ticks: 0.0, 1000.0, "10 s; 0 where the converters have no noise";
     suspect_ticks: 1.0, 100.0, "up to a second on a guess";
     missed_ticks_max: 0.0, 10.0, "up to a tenth of a second blind";
+    enabling_device: 0.0, 1.0, "one hand has one";
     self_check_ticks: 10.0, 1000.0, "0.1 to 10 s";
+    compensation.force_n_max: 0.0, 200.0, "below what lifts anything by itself";
+    compensation.pressure_pa_max: 0.0, 1e5, "a fifth of the supply's";
+} tuning {
     self_check_ticks_max: 10.0, 65535.0, "at least self_check_ticks";
     compensation.hysteresis_area_m2: 0.0, 5e-4, "150 N at 300 kPa, above any muscle's loop";
     compensation.hysteresis_reach: 0.0, 0.5, "0: none; the muscle's whole stroke";
     compensation.friction_n: 0.0, 50.0, "a bearing, not a brake";
     compensation.friction_reach_m: 0.0, 0.01, "0: none; as far as a lever is felt to move";
     compensation.payload_kg: -10.0, 10.0, "a tool, not another load";
-    compensation.force_n_max: 0.0, 200.0, "below what lifts anything by itself";
     compensation.lead_s: 0.0, 0.2, "a slower valve does not assist";
     compensation.dead_zone_filling_pa: 0.0, 3e4, "twice what a spool overlaps";
     compensation.dead_zone_exhausting_pa: 0.0, 3e4, "twice what a spool overlaps";
-    compensation.pressure_pa_max: 0.0, 1e5, "a fifth of the supply's";
-};
+} };
+
+/// A number for the values of the safety block: FNV-1a of their bits (draft-eastlake-fnv). It
+/// names a block in records; it is no protection against somebody who looks for another block with
+/// the same number.
+pub fn safety_hash(values: &SettingsValues) -> u32 {
+    let block = LIMITS.iter().filter(|limit| limit.is_safety);
+    let bits = block.map(|limit| (limit.value)(values).to_bits());
+    bits.flat_map(u32::to_le_bytes)
+        .fold(0x811C_9DC5, |sum, byte| {
+            (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+        })
+}
+
+/// Whether two settings have the same safety block, or are the same in all, bit by bit.
+pub fn agree(one: &SettingsValues, other: &SettingsValues, in_all: bool) -> bool {
+    let mut compared = LIMITS.iter().filter(|limit| in_all || limit.is_safety);
+    compared.all(|limit| (limit.value)(one).to_bits() == (limit.value)(other).to_bits())
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::settings::Settings;
+
+    /// The reference settings with this one changed, and valid.
+    pub fn changed(limit: &Limit) -> SettingsValues {
+        let value = (limit.value)(&SettingsValues::reference());
+        let others = [1.01 * value, value + 1.0, value - 1.0, limit.max];
+        let with = |value| {
+            let mut values = SettingsValues::reference();
+            (limit.set)(&mut values, value);
+            values
+        };
+        let mut tried = others.into_iter().map(with);
+        let differs = |values: &SettingsValues| *values != SettingsValues::reference();
+        let found = tried.find(|values| differs(values) && Settings::new(*values).is_ok());
+        found.unwrap_or_else(|| panic!("no valid step of {}", limit.name))
+    }
+
+    #[test]
+    fn hash_is_that_of_the_safety_block_and_of_nothing_else() {
+        let reference = SettingsValues::reference();
+        for limit in LIMITS {
+            let other = changed(limit);
+            let differs = safety_hash(&other) != safety_hash(&reference);
+            assert_eq!(differs, limit.is_safety, "{}", limit.name);
+            assert_eq!(agree(&reference, &other, false), !limit.is_safety);
+            assert!(!agree(&reference, &other, true));
+        }
+    }
+}

@@ -8,6 +8,7 @@
 //! decoder is synchronised at the next zero. A frame that does not pass its checksum is dropped.
 
 use crate::device::Command;
+pub use crate::gate::{Author, Signature, Written};
 use crate::io::{Output, Sensors};
 use crate::settings::SettingsValues;
 use crate::start::StartFault;
@@ -19,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
@@ -39,6 +40,21 @@ pub enum ToDevice {
     WriteSettings(SettingsValues),
     /// A command for the next tick.
     Command(Command),
+    /// Who changes settings, and when, for the next [`ToDevice::WriteSettings`].
+    Sign(Signature),
+    /// Requests [`FromDevice::Change`] of the settings so many changes before those in force.
+    ReadChange(u16),
+}
+
+/// Settings that were stored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// Counts up with each change.
+    pub number: u32,
+    /// Who changed them, and when.
+    pub signature: Signature,
+    /// What they were.
+    pub values: SettingsValues,
 }
 
 /// From the board to the PC.
@@ -52,19 +68,8 @@ pub enum FromDevice {
     Written(Written),
     /// Each tick.
     Telemetry(Telemetry),
-}
-
-/// Result of storing settings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Written {
-    /// The settings are stored: the board restarts.
-    Stored,
-    /// The muscle is or may be under pressure.
-    Armed,
-    /// A value is outside its limits or contradicts another.
-    Invalid,
-    /// The flash has failed: the board restarts with the newest settings that it can read.
-    FlashFailed,
+    /// Answer to [`ToDevice::ReadChange`]; none if there is no such change, or it is unreadable.
+    Change(Option<Change>),
 }
 
 /// Where a tick's sensor readings came from.
@@ -127,6 +132,8 @@ pub struct Identity {
     pub start: Option<StartFault>,
     /// Where its settings came from.
     pub settings: SettingsSource,
+    /// The safety block in force: see [`crate::limits::safety_hash`].
+    pub safety_hash: u32,
     /// Stack that was never used \[byte\].
     pub stack_free_bytes: u16,
     /// Frames that were dropped because they were damaged.
@@ -396,6 +403,16 @@ mod tests {
         settings.self_check_ticks_max = u16::MAX;
         let message = ToDevice::WriteSettings(settings);
         assert_eq!(received(&frame(&message)), [Some(message)]);
+        let change = FromDevice::Change(Some(Change {
+            number: u32::MAX,
+            signature: Signature {
+                utc_s: u32::MAX,
+                author: [0xFF; 16],
+                is_confirmed: true,
+            },
+            values: settings,
+        }));
+        assert!(encode(&change, &mut [0; FRAME_LEN_MAX]).is_ok());
         let crash = Crash::Panic {
             line: u32::MAX,
             file_end: [0xFF; 16],
@@ -410,6 +427,7 @@ mod tests {
             fault: Some(Fault::Encoder(Doubt::Stuck)),
             start: Some(StartFault::ValveVoltage),
             settings: SettingsSource::Stored,
+            safety_hash: u32::MAX,
             stack_free_bytes: u16::MAX,
             frames_rejected: u32::MAX,
             messages_dropped: u32::MAX,

@@ -11,7 +11,7 @@ use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Deserialize, Serialize};
 
 /// Version of [`SettingsValues`]: it changes with every change of the struct.
-pub const VERSION: u16 = 3;
+pub const VERSION: u16 = 4;
 /// A buffer of this size holds any encoded settings.
 pub const ENCODED_LEN_MAX: usize = 256;
 
@@ -90,6 +90,8 @@ pub struct SettingsValues {
     pub suspect_ticks: u8,
     /// More missed ticks in a row are a fault.
     pub missed_ticks_max: u8,
+    /// 1 if the rig has an enabling device: then nothing begins or goes on without it.
+    pub enabling_device: u8,
     /// Duration of the self-check.
     pub self_check_ticks: u16,
     /// The self-check gives up after so many ticks.
@@ -152,6 +154,7 @@ impl SettingsValues {
             stuck_ticks: 50,
             suspect_ticks: 3,
             missed_ticks_max: 2,
+            enabling_device: 0,
             self_check_ticks: 50,
             self_check_ticks_max: 500,
             compensation: Compensation::OFF,
@@ -271,6 +274,7 @@ impl Settings {
     ///
     /// # Errors
     /// The first value that is outside its limits or contradicts another.
+    #[inline(never)]
     pub fn new(values: SettingsValues) -> Result<Settings, SettingsError> {
         for limit in LIMITS {
             let value = (limit.value)(&values);
@@ -326,6 +330,7 @@ impl Settings {
     ///
     /// # Errors
     /// The bytes are damaged or of another version, or the values do not pass validation.
+    #[inline(never)]
     pub fn decode(bytes: &[u8]) -> Result<Settings, SettingsError> {
         let (covered, checksum) = bytes
             .split_last_chunk::<CHECKSUM_LEN>()

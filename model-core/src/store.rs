@@ -3,13 +3,15 @@
 //! Two sectors are divided into slots. Each write goes to the next empty slot, with a number one
 //! higher. When a sector is full, the other one is erased and used. The valid slot of the highest
 //! number holds the settings, wherever it is. What a power cut leaves in a slot or in a sector is
-//! either not valid or has a lower number, and the newest settings are never erased.
+//! either not valid or has a lower number, and the newest settings are never erased. The slots
+//! before the newest tell what was changed, by whom and when.
 //!
 //! ```text
-//! slot: mark │ length u16 │ number u32 │ settings as encoded │ CRC-32 of all that │ 0xFF …
+//! slot: mark │ length u16 │ number u32 │ settings as encoded │ signature │ CRC-32 │ 0xFF …
 //! ```
 
 use crate::error::SettingsError;
+use crate::link::{Change, Signature};
 use crate::settings::{ENCODED_LEN_MAX, Settings};
 use crc::{CRC_32_ISO_HDLC, Crc};
 
@@ -21,9 +23,11 @@ const CHECKSUM_LEN: usize = 4;
 /// Torn flash tends to 0x00 and 0xFF, and the CRC-32 of FF FF FF FF 00 00 is FF FF FF FF.
 const MARK: [u8; 2] = [0x5E, 0x77];
 const HEADER_LEN: usize = MARK.len() + 2 + 4;
+/// Seconds, author, and whether it was confirmed.
+const SIGNATURE_LEN: usize = 4 + 16 + 1;
 const BLANK: u8 = 0xFF;
 
-const _: () = assert!(HEADER_LEN + ENCODED_LEN_MAX + CHECKSUM_LEN <= SLOT_LEN);
+const _: () = assert!(HEADER_LEN + ENCODED_LEN_MAX + SIGNATURE_LEN + CHECKSUM_LEN <= SLOT_LEN);
 
 /// A valid slot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +36,7 @@ struct Found<'a> {
     sector: usize,
     slot: usize,
     encoded: &'a [u8],
+    signature: Signature,
 }
 
 /// Operations on the flash, in this order: erase, program.
@@ -65,11 +70,36 @@ pub fn load(sectors: [&[u8]; 2]) -> Result<Option<Settings>, SettingsError> {
         .transpose()
 }
 
+/// The settings that were in force `back` changes before the newest, if the sectors still hold them
+/// and this version can read them.
+pub fn change(sectors: [&[u8]; 2], back: u16) -> Option<Change> {
+    let newest = newest(sectors)?.number;
+    let number = newest.checked_sub(back.into())?;
+    let found = all(sectors).find(|found| found.number == number)?;
+    Some(Change {
+        number,
+        signature: found.signature,
+        values: *Settings::decode(found.encoded).ok()?.values(),
+    })
+}
+
 /// The operations that add `settings` to the two `sectors`.
 ///
 /// # Errors
 /// None in practice: settings fit into a slot.
 pub fn store(sectors: [&[u8]; 2], settings: &Settings) -> Result<Write, SettingsError> {
+    store_signed(sectors, settings, &Signature::default())
+}
+
+/// As [`store`], with who has changed them and when.
+///
+/// # Errors
+/// As [`store`].
+pub fn store_signed(
+    sectors: [&[u8]; 2],
+    settings: &Settings,
+    signature: &Signature,
+) -> Result<Write, SettingsError> {
     let newest = newest(sectors);
     let (sector, from) = newest.map_or((0, 0), |found| (found.sector, found.slot + 1));
     let content = if sector == 0 { sectors[0] } else { sectors[1] };
@@ -88,16 +118,47 @@ pub fn store(sectors: [&[u8]; 2], settings: &Settings) -> Result<Write, Settings
         len: 0,
     };
     let number = newest.map_or(0, |found| found.number.wrapping_add(1));
-    write.len = fill(&mut write.bytes, number, settings)?;
+    write.len = fill(&mut write.bytes, number, settings, signature)?;
     Ok(write)
 }
 
+/// Seconds, author, and whether it was confirmed, in this order.
+fn signed_bytes(signature: &Signature) -> [u8; SIGNATURE_LEN] {
+    let mut bytes = [u8::from(signature.is_confirmed); SIGNATURE_LEN];
+    let fields = signature.utc_s.to_le_bytes().into_iter();
+    for (target, byte) in bytes.iter_mut().zip(fields.chain(signature.author)) {
+        *target = byte;
+    }
+    bytes
+}
+
+/// Reverses [`signed_bytes`].
+fn signature(bytes: &[u8; SIGNATURE_LEN]) -> Signature {
+    let [t0, t1, t2, t3, author @ .., is_confirmed] = *bytes;
+    Signature {
+        utc_s: u32::from_le_bytes([t0, t1, t2, t3]),
+        author,
+        is_confirmed: is_confirmed != 0,
+    }
+}
+
 /// Writes a slot's bytes; returns how many.
-fn fill(slot: &mut [u8], number: u32, settings: &Settings) -> Result<usize, SettingsError> {
+fn fill(
+    slot: &mut [u8],
+    number: u32,
+    settings: &Settings,
+    signature: &Signature,
+) -> Result<usize, SettingsError> {
     let (header, rest) = slot
         .split_first_chunk_mut::<HEADER_LEN>()
         .ok_or(SettingsError::Length)?;
-    let len = settings.encode(rest)?.len();
+    let settings_len = settings.encode(rest)?.len();
+    let signed = rest
+        .get_mut(settings_len..)
+        .and_then(|rest| rest.first_chunk_mut::<SIGNATURE_LEN>())
+        .ok_or(SettingsError::Length)?;
+    *signed = signed_bytes(signature);
+    let len = settings_len + SIGNATURE_LEN;
     let [n0, n1, n2, n3] = number.to_le_bytes();
     let [l0, l1] = (len as u16).to_le_bytes();
     *header = [MARK[0], MARK[1], l0, l1, n0, n1, n2, n3];
@@ -111,23 +172,31 @@ fn fill(slot: &mut [u8], number: u32, settings: &Settings) -> Result<usize, Sett
     Ok(HEADER_LEN + len + CHECKSUM_LEN)
 }
 
-/// The valid slot of the highest number.
+/// The valid slot of the highest number. Out of line, as it is large.
+#[inline(never)]
 fn newest<'a>(sectors: [&'a [u8]; 2]) -> Option<Found<'a>> {
-    let valid_slots = |(sector, content): (usize, &'a [u8])| {
-        let slots = content.chunks_exact(SLOT_LEN).enumerate();
-        slots.filter_map(move |(slot, bytes)| valid(bytes).map(|v| (sector, slot, v)))
-    };
+    all(sectors).max_by_key(|found| found.number)
+}
+
+/// The valid slots.
+fn all<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Found<'a>> {
     sectors
         .into_iter()
         .enumerate()
-        .flat_map(valid_slots)
-        .map(|(sector, slot, (number, encoded))| Found {
-            number,
-            sector,
-            slot,
-            encoded,
+        .flat_map(|(sector, content)| {
+            let slots = content.chunks_exact(SLOT_LEN).enumerate();
+            slots.filter_map(move |(slot, bytes)| {
+                let (number, content) = valid(bytes)?;
+                let (encoded, signed) = content.split_last_chunk::<SIGNATURE_LEN>()?;
+                Some(Found {
+                    number,
+                    sector,
+                    slot,
+                    encoded,
+                    signature: signature(signed),
+                })
+            })
         })
-        .max_by_key(|found| found.number)
 }
 
 /// Number and encoded settings of a slot, if it is valid.
@@ -211,13 +280,40 @@ mod tests {
         let slot = &mut flash[0][SLOT_LEN..];
         slot[HEADER_LEN] += 1;
         let end = HEADER_LEN + usize::from(u16::from_le_bytes([slot[2], slot[3]]));
-        let inner = CHECKSUM.checksum(&slot[HEADER_LEN..end - CHECKSUM_LEN]);
-        slot[end - CHECKSUM_LEN..end].copy_from_slice(&inner.to_le_bytes());
+        let signed = end - SIGNATURE_LEN;
+        let inner = CHECKSUM.checksum(&slot[HEADER_LEN..signed - CHECKSUM_LEN]);
+        slot[signed - CHECKSUM_LEN..signed].copy_from_slice(&inner.to_le_bytes());
         let outer = CHECKSUM.checksum(&slot[..end]);
         slot[end..end + CHECKSUM_LEN].copy_from_slice(&outer.to_le_bytes());
         let other = crate::settings::VERSION + 1;
         let read = load([&flash[0], &flash[1]]);
         assert_eq!(read, Err(SettingsError::Version(other)));
+    }
+
+    #[test]
+    fn changes_tell_what_was_stored_by_whom_and_when() {
+        let mut flash = blank();
+        let signed = |gain: u16| Signature {
+            utc_s: 1_800_000_000 + u32::from(gain),
+            author: [gain as u8; 16],
+            is_confirmed: gain.is_multiple_of(2),
+        };
+        for gain in 0..6 {
+            let sectors = [&flash[0][..], &flash[1]];
+            let write = store_signed(sectors, &settings(gain), &signed(gain)).unwrap();
+            program(&mut flash, &write, usize::MAX);
+        }
+        let change = |back| change([&flash[0], &flash[1]], back);
+        for back in 0..6 {
+            let gain = 5 - back;
+            let expected = Change {
+                number: gain.into(),
+                signature: signed(gain),
+                values: *settings(gain).values(),
+            };
+            assert_eq!(change(back), Some(expected));
+        }
+        assert_eq!(change(6), None);
     }
 
     /// What a power cut leaves of a cell.

@@ -5,6 +5,7 @@
 
 pub mod ads1220;
 pub mod button;
+pub mod contact;
 pub mod encoder;
 pub mod mcp4922;
 pub mod output;

@@ -1,6 +1,6 @@
 //! The stored settings, in two flash sectors. `model_core::store` decides where to write.
 
-use model_core::link::SettingsSource;
+use model_core::link::{Change, SettingsSource, Signature};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::store;
 
@@ -34,9 +34,15 @@ impl<F: Sectors> Store<F> {
         }
     }
 
-    /// Stores settings and reads them back; false if that fails.
-    pub fn store(&mut self, settings: &Settings) -> bool {
-        let Ok(write) = store::store(self.0.sectors(), settings) else {
+    /// The settings so many changes before those in force.
+    pub fn change(&self, back: u16) -> Option<Change> {
+        store::change(self.0.sectors(), back)
+    }
+
+    /// Stores settings, with who has changed them and when, and reads them back; false if that
+    /// fails.
+    pub fn store(&mut self, settings: &Settings, signature: &Signature) -> bool {
+        let Ok(write) = store::store_signed(self.0.sectors(), settings, signature) else {
             return false;
         };
         let erased = !write.erase || self.0.erase(write.sector);
@@ -100,7 +106,7 @@ mod tests {
         assert_eq!(store.load().1, SettingsSource::Reference);
         for n in 0..100 {
             let settings = settings(0.1 + 0.001 * n as f32);
-            assert!(store.store(&settings));
+            assert!(store.store(&settings, &Signature::default()));
             assert_eq!(store.load(), (settings, SettingsSource::Stored));
         }
     }
@@ -110,7 +116,7 @@ mod tests {
         for (programs, sticks) in [(false, false), (true, true)] {
             let mut store = erased();
             (store.0.programs, store.0.sticks) = (programs, sticks);
-            assert!(!store.store(&settings(0.2)));
+            assert!(!store.store(&settings(0.2), &Signature::default()));
         }
     }
 
@@ -121,7 +127,7 @@ mod tests {
         let mut last = None;
         for n in 0..100 {
             let settings = settings(0.1 + 0.001 * n as f32);
-            if !store.store(&settings) {
+            if !store.store(&settings, &Signature::default()) {
                 assert_eq!(Some(store.load().0), last, "a failed erase loses nothing");
                 return;
             }

@@ -72,6 +72,8 @@ pub struct Pins {
     pub button: ButtonPin,
     /// Emergency stop.
     pub stop: StopPins,
+    /// Enabling device.
+    pub enabling: EnablingPin,
     /// Valve in the muscle's port, low.
     pub port: PortPin,
     /// Status lamp, dark.

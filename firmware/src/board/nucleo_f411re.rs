@@ -13,6 +13,7 @@
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |
 //! | emergency stop  | PB10 (D6), PA8 (D7) | inputs, low if open | read by the tick         |
+//! | enabling device | PC7 (D9) | input, low if open    | read by the tick                 |
 //! | valve in the port | PB5 (D4) | output, alternates   | written by the tick              |
 //! | status lamp     | PA5 (D13, LD2) | output, high is lit | written by the tick              |
 //!
@@ -30,7 +31,7 @@ use super::{Pins, Ports};
 use core::ops::Range;
 use stm32f4xx_hal::gpio::{
     Alternate, Analog, Input, Output, PA0, PA1, PA2, PA3, PA4, PA5, PA8, PB5, PB10, PB12, PB13,
-    PB14, PB15, PC0, PC1, PC13, Speed,
+    PB14, PB15, PC0, PC1, PC7, PC13, Speed,
 };
 #[cfg(feature = "ads1220")]
 use stm32f4xx_hal::gpio::{PB7, PC2, PC10, PC11, PC12};
@@ -124,6 +125,8 @@ pub type LinkPins = (PA2, PA3);
 pub type ButtonPin = PC13<Input>;
 /// Contacts of the emergency stop, with pull-down.
 pub type StopPins = (PB10<Input>, PA8<Input>);
+/// Contact of the enabling device, with pull-down.
+pub type EnablingPin = PC7<Input>;
 /// Pulses for the valve in the muscle's port.
 pub type PortPin = PB5<Output>;
 /// Status lamp.
@@ -160,6 +163,7 @@ pub fn pins(ports: Ports, rcc: &mut Rcc) -> Pins {
         link: (a.pa2, a.pa3),
         button: c.pc13.into_pull_up_input(),
         stop: (b.pb10.into_pull_down_input(), a.pa8.into_pull_down_input()),
+        enabling: c.pc7.into_pull_down_input(),
         port: b.pb5.into_push_pull_output(),
         lamp: a.pa5.into_push_pull_output(),
     }

@@ -22,7 +22,7 @@ pub mod spi_dac;
 #[cfg(feature = "mcp4922")]
 pub use spi_dac as valve;
 
-use crate::board::{self, ButtonPin, LampPin, PortPin, Ports, StopPins};
+use crate::board::{self, ButtonPin, EnablingPin, LampPin, PortPin, Ports, StopPins};
 use crate::{crash, ram};
 use adc::Adc;
 #[cfg(feature = "ads1220")]
@@ -33,6 +33,7 @@ use iwdg::Iwdg;
 use model_core::link;
 use model_core::start::StartFindings;
 use rig_drivers::button::Button;
+use rig_drivers::contact::Contact;
 use rig_drivers::encoder::Encoder;
 use rig_drivers::output::Output;
 use rig_drivers::stop::Stop;
@@ -61,6 +62,8 @@ pub struct Devices {
     pub button: Button<ButtonPin>,
     /// Emergency stop.
     pub stop: Stop<StopPins>,
+    /// Enabling device.
+    pub enabling: Contact<EnablingPin>,
     /// Valve, at 0 V.
     pub valve: Valve,
     /// Pulses for the valve in the muscle's port, low.
@@ -149,6 +152,7 @@ impl Devices {
             encoder,
             button: Button(pins.button),
             stop: Stop(pins.stop),
+            enabling: Contact(pins.enabling),
             valve,
             port: Output(pins.port),
             lamp: Output(pins.lamp),

@@ -145,3 +145,32 @@ impl Hand {
             .finger_force_n(finger_m, contraction, self.initial_length_m)
     }
 }
+/// A simulated person beside the device, who holds the button when the lamp asks
+/// ([`model_core::lamp::asks`]), to be looked at every 10 ms.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ButtonHolder {
+    was_lit: bool,
+    since_ticks: u32,
+    /// Changes of the lamp in a row that were as quick as those of the question.
+    quick: u32,
+    holds_ticks: u32,
+}
+
+impl ButtonHolder {
+    /// Whether the button is pressed in the next tick, after a tick with the lamp like that.
+    pub fn presses(&mut self, is_lit: bool) -> bool {
+        if self.holds_ticks > 0 {
+            self.holds_ticks -= 1;
+        } else if is_lit == self.was_lit {
+            self.since_ticks += 1;
+        } else {
+            let is_quick = (4..=6).contains(&self.since_ticks);
+            self.quick = if is_quick { self.quick + 1 } else { 0 };
+            (self.was_lit, self.since_ticks) = (is_lit, 1);
+            if self.quick == 6 {
+                (self.quick, self.holds_ticks) = (0, 220);
+            }
+        }
+        self.holds_ticks > 0
+    }
+}

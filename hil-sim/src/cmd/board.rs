@@ -5,8 +5,11 @@ use hil_sim::bench::port::client::{Client, LinkError, Transport};
 use hil_sim::bench::port::emulated::{self, Emulated};
 #[cfg(feature = "serial")]
 use hil_sim::bench::port::serial::Serial;
+use hil_sim::bench::settings_file;
 use hil_sim::error::BadInput;
+use model_core::limits::safety_hash;
 use model_core::link::Identity;
+use model_core::settings::SettingsValues;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -52,7 +55,13 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     #[cfg(feature = "terminal")]
     super::interrupt::ask_first(&stop);
-    let mut line = Client::new(line, TIMEOUT, Arc::clone(&stop));
+    let user = ["USER", "USERNAME"]
+        .into_iter()
+        .find_map(|name| std::env::var(name).ok());
+    let mut line = Client::new(line, TIMEOUT, Arc::clone(&stop))
+        .with_person(user.as_deref().unwrap_or("hil-sim"), |words| {
+            eprintln!("{words}")
+        });
     let name = port.unwrap_or("the emulated board").to_string();
     let identity = match line.identity() {
         Err(LinkError::NoAnswer(waited_s)) => {
@@ -67,6 +76,25 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
         port: name,
         stop,
     })
+}
+
+/// What a record says of its board: firmware, safety block, and who has changed it and when.
+///
+/// # Errors
+/// The board does not answer.
+pub fn origin(
+    board: &mut Connected,
+    values: &SettingsValues,
+) -> Result<Vec<(&'static str, String)>, LinkError> {
+    let changed = match board.line.change(0)? {
+        Some(change) if change.values == *values => settings_file::signed(&change.signature),
+        _ => "not known".into(),
+    };
+    Ok(vec![
+        ("board", describe(&board.identity)),
+        ("safety_block", format!("{:08x}", safety_hash(values))),
+        ("settings_changed", changed),
+    ])
 }
 
 /// The board's name, firmware and last faults as text.

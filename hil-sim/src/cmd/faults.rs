@@ -133,6 +133,7 @@ fn run_one(args: &Args, number: u64) -> Result<bool, Failure> {
         rig: Some(format!("{REFERENCE_RIG}, fault of case {number}")),
         seed: Some(args.seed),
         started: written_at()?,
+        ..Origin::default()
     };
     let mut recorder = Recorder::create(&path, &origin)?;
     let mut written = Ok(());

@@ -2,7 +2,7 @@
 
 use super::Common;
 use super::Failure;
-use super::board::{Connected, connect, describe};
+use super::board::{Connected, connect, describe, origin};
 use super::run::Scenario;
 #[cfg(feature = "terminal")]
 use super::screen;
@@ -246,6 +246,7 @@ fn one(
             false => args.common.rig_name(),
         }),
         seed: Some(job.run.seed),
+        board: origin(board, job.settings.values())?,
         started: written_at()?,
     };
     let recorder = Recorder::create(&path, &origin)?;

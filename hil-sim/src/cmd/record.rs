@@ -1,7 +1,7 @@
 //! `hil-sim record`.
 
 use super::Failure;
-use super::board::{Connected, connect, describe};
+use super::board::{Connected, connect, describe, origin};
 use super::hil::{no_progress, print_tenths};
 use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::closed_loop::Run;
@@ -155,16 +155,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => valid(&board.port, Settings::new(values))?,
         Some(player) => allowed(args, &board.port, player, values)?,
     };
+    if *settings.values() != values {
+        board.line.write_settings(settings.values())?;
+    }
     let origin = Origin {
+        board: origin(&mut board, settings.values())?,
         started: written_at()?,
         ..Origin::default()
     };
     let mut recorder = Recorder::create(&args.out, &origin)?;
     #[cfg(feature = "terminal")]
     super::interrupt::last_words(player.as_ref().map(|_| LAST_WORDS));
-    if *settings.values() != values {
-        board.line.write_settings(settings.values())?;
-    }
     let from = match args.from_start {
         true => Some(board.line.restart_in_loop()?),
         false => None,
@@ -339,6 +340,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let origin = Origin {
         rig: Some(path.display().to_string()),
         seed: Some(experiment.seed),
+        board: origin(&mut board, settings.values())?,
         started: written_at()?,
     };
     let recorder = Recorder::create(&args.out, &origin)?;
@@ -497,7 +499,7 @@ fn listen(
             Some(FromDevice::Settings(values)) => {
                 timeline.set_settings(valid(&board.port, Settings::new(values))?);
             }
-            Some(FromDevice::Written(_)) => {}
+            Some(FromDevice::Written(_) | FromDevice::Change(_)) => {}
             None => {
                 if std::mem::take(&mut heard) {
                     recorder.flush()?;

@@ -104,6 +104,7 @@ impl<'a> Instruments<'a> {
             encoder: EncoderCount((encoder - self.lost.round() as i64) as i32 as u32),
             button_pressed: false,
             stop_open: [false; 2],
+            enabling_closed: false,
         }
     }
 }

@@ -34,6 +34,8 @@ pub struct Origin {
     pub rig: Option<String>,
     /// The seed of random numbers, if there were any.
     pub seed: Option<u64>,
+    /// The board's firmware, its settings' safety block and who has changed them, by name.
+    pub board: Vec<(&'static str, String)>,
     /// Time since 1970 at which the record starts: the viewers' time of its `time_s` 0.
     pub started: Duration,
 }
@@ -50,6 +52,8 @@ impl Origin {
         let entries = entries
             .into_iter()
             .filter_map(|(key, value)| Some((key.into(), value?)));
+        let board = self.board.iter();
+        let entries = entries.chain(board.map(|(key, value)| ((*key).to_owned(), value.clone())));
         Metadata {
             name: METADATA.into(),
             metadata: entries.collect(),

@@ -7,12 +7,15 @@ mod wander;
 
 pub use wander::wander;
 
+use hil_sim::bench::person::ButtonHolder;
 use hil_sim::bench::port::client::{Transport, TransportError};
 use model_core::device::{Command, Device, Pins};
+use model_core::gate::{Decision, SettingsGate};
 use model_core::io::{Request, Sensors};
+use model_core::limits::safety_hash;
 use model_core::link::{
-    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, Written,
-    board_name, encode,
+    Change, Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, Signature,
+    ToDevice, Written, board_name, encode,
 };
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
@@ -52,6 +55,14 @@ pub struct DeviceBoard {
     pub faults: Faults,
     /// Events and their ticks since the start, in ascending order.
     pub events: VecDeque<(u32, Event)>,
+    /// Somebody beside the board holds the button when the lamp asks.
+    pub hand: Option<ButtonHolder>,
+    /// Is pressed in the next tick.
+    pressed: bool,
+    gate: SettingsGate,
+    signature: Signature,
+    /// What was stored, the newest last.
+    pub changes: Vec<Change>,
     device: Device,
     decoder: Decoder,
     commands: VecDeque<Command>,
@@ -70,6 +81,11 @@ impl DeviceBoard {
             settings,
             faults: Faults::default(),
             events: VecDeque::new(),
+            hand: Some(ButtonHolder::default()),
+            pressed: false,
+            gate: SettingsGate::default(),
+            signature: Signature::default(),
+            changes: Vec::new(),
             device: Device::new(Settings::new(settings).unwrap()),
             decoder: Decoder::new(),
             commands: VecDeque::new(),
@@ -123,6 +139,7 @@ impl DeviceBoard {
     fn reset(&mut self) {
         self.device = Device::new(Settings::new(self.settings).unwrap());
         self.commands.clear();
+        self.gate = SettingsGate::default();
         self.decoder = Decoder::new();
         self.transmit_identity();
     }
@@ -145,6 +162,7 @@ impl DeviceBoard {
             fault: None,
             start: None,
             settings: SettingsSource::Reference,
+            safety_hash: safety_hash(&self.settings),
             stack_free_bytes: 0,
             frames_rejected: self.frames_rejected,
             messages_dropped: 0,
@@ -161,18 +179,44 @@ impl DeviceBoard {
             }
             ToDevice::Command(_) => {}
             ToDevice::WriteSettings(values) => {
-                let written = match Settings::new(values) {
-                    Err(_) => Written::Invalid,
-                    Ok(_) if self.device.is_armed() => Written::Armed,
-                    Ok(_) => Written::Stored,
-                };
-                self.transmit(&FromDevice::Written(written));
-                if written == Written::Stored {
-                    self.settings = values;
-                    self.reset();
-                }
+                let (signature, armed) = (self.signature, self.device.is_armed());
+                let decision = self.gate.offer(&self.settings, values, signature, armed);
+                self.carry_out(decision);
+            }
+            ToDevice::Sign(signature) => self.signature = signature,
+            ToDevice::ReadChange(back) => {
+                let back = usize::from(back);
+                let change = self.changes.iter().rev().nth(back).copied();
+                self.transmit(&FromDevice::Change(change));
             }
         }
+    }
+
+    /// As the firmware does.
+    fn carry_out(&mut self, decision: Decision) {
+        let written = match decision {
+            Decision::Answer(written) => written,
+            Decision::Ask(number) => {
+                self.device.propose(Some(number));
+                Written::AwaitsButton
+            }
+            Decision::Withdraw => {
+                self.device.propose(None);
+                Written::NotConfirmed
+            }
+            Decision::Store(..) if self.device.is_armed() => Written::Armed,
+            Decision::Store(settings, signature) => {
+                self.settings = *settings.values();
+                self.changes.push(Change {
+                    number: self.changes.len() as u32,
+                    signature,
+                    values: self.settings,
+                });
+                self.transmit(&FromDevice::Written(Written::Stored));
+                return self.reset();
+            }
+        };
+        self.transmit(&FromDevice::Written(written));
     }
 
     /// One tick, with its telemetry.
@@ -188,12 +232,20 @@ impl DeviceBoard {
         let pins = Pins {
             bridge: AdcCount(2047 + wobble),
             pressure: AdcCount(409 + wobble),
+            button_pressed: self.pressed,
             ..Pins::default()
         };
         let commands = &mut self.commands;
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
+        self.pressed = self
+            .hand
+            .as_mut()
+            .is_some_and(|hand| hand.presses(tick.lamp));
         self.transmit(&FromDevice::Telemetry(tick.telemetry));
+        if let Some(decision) = tick.verdict.and_then(|verdict| self.gate.decide(verdict)) {
+            self.carry_out(decision);
+        }
     }
 }
 

@@ -1,11 +1,13 @@
 //! The board in memory: model-core's device behind the link, with a world at its pins.
 
 use super::world::World;
+use hil_sim::bench::person::ButtonHolder;
 use hil_sim::bench::port::client::{Transport, TransportError};
 use model_core::device::{Command, Device, Pins};
+use model_core::gate::{Decision, SettingsGate};
 use model_core::link::{
-    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, ToDevice, Written,
-    board_name, encode,
+    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, Signature, ToDevice,
+    Written, board_name, encode,
 };
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, DacCount, EncoderCount};
@@ -28,6 +30,10 @@ pub struct Log {
 pub struct InMemory {
     world: Arc<Mutex<World>>,
     log: Arc<Mutex<Log>>,
+    /// Somebody beside the board, who holds the button when the lamp asks.
+    hand: ButtonHolder,
+    pressed: bool,
+    gate: SettingsGate,
     device: Device,
     decoder: Decoder,
     commands: VecDeque<Command>,
@@ -48,6 +54,9 @@ impl InMemory {
                 settings,
                 written: 0,
             })),
+            hand: ButtonHolder::default(),
+            pressed: false,
+            gate: SettingsGate::default(),
             device: Device::new(Settings::new(settings).unwrap()),
             decoder: Decoder::new(),
             commands: VecDeque::new(),
@@ -70,6 +79,7 @@ impl InMemory {
         let start = self.world.lock().unwrap().start_fault();
         self.device = Device::new(Settings::new(settings).unwrap()).started(start);
         self.commands.clear();
+        self.gate = SettingsGate::default();
         self.valve = DacCount::default();
     }
 
@@ -90,6 +100,7 @@ impl InMemory {
             fault: None,
             start: self.world.lock().unwrap().start_fault(),
             settings: SettingsSource::Stored,
+            safety_hash: 0,
             stack_free_bytes: 0,
             frames_rejected: 0,
             messages_dropped: 0,
@@ -106,21 +117,39 @@ impl InMemory {
             }
             ToDevice::Command(command) => self.commands.push_back(command),
             ToDevice::WriteSettings(values) => {
-                let written = match Settings::new(values) {
-                    Err(_) => Written::Invalid,
-                    Ok(_) if self.device.is_armed() => Written::Armed,
-                    Ok(_) => Written::Stored,
-                };
-                self.transmit(&FromDevice::Written(written));
-                if written == Written::Stored {
-                    let mut log = self.log.lock().unwrap();
-                    (log.settings, log.written) = (values, log.written + 1);
-                    drop(log);
-                    self.reset();
-                    self.identity();
-                }
+                let in_force = self.log.lock().unwrap().settings;
+                let armed = self.device.is_armed();
+                let signature = Signature::default();
+                let decision = self.gate.offer(&in_force, values, signature, armed);
+                self.carry_out(decision);
             }
+            ToDevice::Sign(_) | ToDevice::ReadChange(_) => {}
         }
+    }
+
+    /// As the firmware does.
+    fn carry_out(&mut self, decision: Decision) {
+        let written = match decision {
+            Decision::Answer(written) => written,
+            Decision::Ask(number) => {
+                self.device.propose(Some(number));
+                Written::AwaitsButton
+            }
+            Decision::Withdraw => {
+                self.device.propose(None);
+                Written::NotConfirmed
+            }
+            Decision::Store(..) if self.device.is_armed() => Written::Armed,
+            Decision::Store(settings, _) => {
+                self.transmit(&FromDevice::Written(Written::Stored));
+                let mut log = self.log.lock().unwrap();
+                (log.settings, log.written) = (*settings.values(), log.written + 1);
+                drop(log);
+                self.reset();
+                return self.identity();
+            }
+        };
+        self.transmit(&FromDevice::Written(written));
     }
 
     fn tick(&mut self) {
@@ -129,8 +158,9 @@ impl InMemory {
             bridge: AdcCount(inputs.bridge),
             pressure: AdcCount(inputs.pressure),
             encoder: EncoderCount(inputs.encoder as u32),
-            button_pressed: false,
+            button_pressed: self.pressed,
             stop_open: inputs.stop_open,
+            enabling_closed: false,
         };
         let moved_m = self.world.lock().unwrap().moved_m;
         if let Some((at_m, ticks)) = &mut self.silence
@@ -147,7 +177,11 @@ impl InMemory {
         if let Some((_, stop)) = self.interrupt.take_if(|(at_m, _)| moved_m > *at_m) {
             stop.store(true, Ordering::Relaxed);
         }
+        self.pressed = self.hand.presses(tick.lamp);
         self.transmit(&FromDevice::Telemetry(tick.telemetry));
+        if let Some(decision) = tick.verdict.and_then(|verdict| self.gate.decide(verdict)) {
+            self.carry_out(decision);
+        }
     }
 }
 

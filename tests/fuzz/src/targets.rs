@@ -79,7 +79,7 @@ pub fn link(mut bytes: &[u8]) {
         pressure: AdcCount(410),
         encoder: EncoderCount(7),
         button_pressed: false,
-        stop_open: [false; 2],
+        ..Pins::default()
     };
     let mut heard = false;
     while let [control, rest @ ..] = bytes {
@@ -115,6 +115,7 @@ pub fn link(mut bytes: &[u8]) {
                 encoder: EncoderCount(word(&mut bytes)),
                 button_pressed: at & 0x80 != 0,
                 stop_open: [at & 0x40 != 0, at & 0x20 != 0],
+                enabling_closed: at & 0x10 != 0,
             };
         }
         let mut commands = commands.into_iter();

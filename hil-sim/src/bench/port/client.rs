@@ -7,14 +7,15 @@
 use model_core::device::{Command, SimulatedSensors};
 use model_core::io::{Output, Sensors};
 use model_core::link::{
-    Decoder, FRAME_LEN_MAX, FromDevice, Identity, Source, Telemetry, ToDevice, Written, encode,
+    Author, Change, Decoder, FRAME_LEN_MAX, FromDevice, Identity, Signature, Source, Telemetry,
+    ToDevice, Written, encode,
 };
 use model_core::settings::SettingsValues;
 use model_core::supervisor::Mode;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Time without telemetry after which a message is sent again.
 const REPEAT_AFTER: Duration = Duration::from_millis(30);
@@ -94,6 +95,12 @@ pub enum LinkError {
     /// The board is assisting, holding, or letting the weight down.
     #[error("the board is armed (mode {0}): vent it first")]
     Armed(Mode),
+    /// Nobody has held the button.
+    #[error(
+        "the board has not stored the settings, as they change its safety block and its button was \
+         not held for 2 s while the lamp flickered: run it again, and hold the button"
+    )]
+    NotConfirmed,
     /// The board did not store the settings.
     #[error("the board has not stored the settings: {0:?}")]
     NotStored(Written),
@@ -126,6 +133,36 @@ pub struct Answer {
     pub restarted: bool,
 }
 
+/// What a person has to do for [`Client::write_settings`].
+const HOLD_BUTTON: &str = "These settings change the board's safety block. Hold the board's button \
+                           for 2 s while its lamp flickers: it waits for 30 s.";
+/// Time for that: the board's, and a second more.
+const CONFIRM_WAIT: Duration = Duration::from_secs(31);
+
+fn written(message: FromDevice) -> Option<Written> {
+    match message {
+        FromDevice::Written(written) => Some(written),
+        // The board has restarted, and its answer was lost.
+        FromDevice::Identity(_) => Some(Written::Stored),
+        _ => None,
+    }
+}
+
+fn written_at_last(message: FromDevice) -> Option<Written> {
+    written(message).filter(|written| *written != Written::AwaitsButton)
+}
+
+/// The first bytes of a name, for [`Client::with_person`].
+pub fn author(name: &str) -> Author {
+    let mut end = name.len().min(Author::default().len());
+    while !name.is_char_boundary(end) {
+        end -= 1;
+    }
+    let mut author = Author::default();
+    author[..end].copy_from_slice(&name.as_bytes()[..end]);
+    author
+}
+
 /// The client of one board.
 pub struct Client<P> {
     transport: P,
@@ -141,6 +178,10 @@ pub struct Client<P> {
     counts: LinkCounts,
     give_up: Duration,
     stop: Arc<AtomicBool>,
+    /// Who changes settings.
+    author: Author,
+    /// Tells a person what to do at the board.
+    tell: fn(&str),
 }
 
 impl<P: Transport> Client<P> {
@@ -158,7 +199,16 @@ impl<P: Transport> Client<P> {
             counts: LinkCounts::default(),
             give_up,
             stop,
+            author: author("hil-sim"),
+            tell: |_| {},
         }
+    }
+
+    /// The client with the name of who changes settings, and with a way to tell a person what to do
+    /// at the board.
+    pub fn with_person(mut self, name: &str, tell: fn(&str)) -> Client<P> {
+        (self.author, self.tell) = (author(name), tell);
+        self
     }
 
     /// Errors on the line so far.
@@ -313,23 +363,48 @@ impl<P: Transport> Client<P> {
     pub fn write_settings(&mut self, values: &SettingsValues) -> Result<(), LinkError> {
         let mut result = Written::FlashFailed;
         for _ in 0..3 {
+            self.send(&ToDevice::Sign(self.signature()))?;
             self.send(&ToDevice::WriteSettings(*values))?;
-            let written = self.find(STORE_WAIT, |message| match message {
-                FromDevice::Written(written) => Some(written),
-                // The board has restarted, and its answer was lost.
-                FromDevice::Identity(_) => Some(Written::Stored),
-                _ => None,
-            })?;
+            let mut written = self.find(STORE_WAIT, written)?;
+            if written == Some(Written::AwaitsButton) {
+                (self.tell)(HOLD_BUTTON);
+                written = self.find(CONFIRM_WAIT, written_at_last)?;
+            }
             result = written.unwrap_or(result);
             // The settings in force decide.
             if self.settings()? == *values {
                 return Ok(());
             }
-            if matches!(result, Written::Armed | Written::Invalid) {
-                break;
+            match result {
+                Written::NotConfirmed | Written::AwaitsButton => {
+                    return Err(LinkError::NotConfirmed);
+                }
+                Written::Armed | Written::Invalid => break,
+                Written::Stored | Written::FlashFailed => {}
             }
         }
         Err(LinkError::NotStored(result))
+    }
+
+    /// The settings so many changes before those in force, with who has changed them and when; none
+    /// if the board does not have them any more.
+    ///
+    /// # Errors
+    /// The board does not answer.
+    pub fn change(&mut self, back: u16) -> Result<Option<Change>, LinkError> {
+        self.ask(ToDevice::ReadChange(back), |message| match message {
+            FromDevice::Change(change) => Some(change),
+            _ => None,
+        })
+    }
+
+    fn signature(&self) -> Signature {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        Signature {
+            utc_s: now.map_or(0, |time| time.as_secs() as u32),
+            author: self.author,
+            is_confirmed: false,
+        }
     }
 
     /// Enters hardware in the loop with a restarted controller, whatever the state before; returns

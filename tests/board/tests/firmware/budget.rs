@@ -93,7 +93,7 @@ fn assisting(compensation: Compensation) -> u64 {
         compensation,
         ..SettingsValues::reference()
     };
-    rig.send(&ToDevice::WriteSettings(values));
+    rig.store(values);
     rig.run_ms(1_500);
     rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
     rig.run_ms(100);

@@ -4,7 +4,8 @@
 #[path = "../../../../hil-sim/tests/commission/world.rs"]
 pub mod world;
 
-use crate::rig::{BRIDGE, PRESSURE, Rig as Wired, STOP, volts};
+use crate::rig::{BRIDGE, BUTTON, LAMP, PRESSURE, Rig as Wired, STOP, volts};
+use hil_sim::bench::person::ButtonHolder;
 use hil_sim::bench::port::client::{Client, Transport, TransportError};
 use hil_sim::commission::cause::{Cause, Step};
 use hil_sim::commission::session::Session;
@@ -22,6 +23,7 @@ const MOVED_M_MAX: f64 = 0.01;
 
 /// The emulated board in a world.
 pub struct Emulated {
+    hand: ButtonHolder,
     /// The board.
     pub wired: Wired,
     world: Arc<Mutex<World>>,
@@ -36,6 +38,7 @@ impl Emulated {
             wired.board.load_valve(Some(0.8));
         }
         let mut emulated = Emulated {
+            hand: ButtonHolder::default(),
             wired,
             world,
             next_ns: 0,
@@ -50,6 +53,8 @@ impl Emulated {
         self.next_ns += PERIOD_NS;
         let count = board.dac_volts(1) / 3.3 * f64::from(COUNT_MAX);
         let valve = DacCount::new(count.round() as u16);
+        let pressed = self.hand.presses(board.level(LAMP) == Some(true));
+        board.set_level(BUTTON, Some(!pressed));
         let inputs = self.world.lock().unwrap().pass(valve);
         board.set_analog(BRIDGE, volts(inputs.bridge));
         board.set_analog(PRESSURE, volts(inputs.pressure));

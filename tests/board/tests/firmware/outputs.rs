@@ -1,10 +1,11 @@
 //! The emergency stop, the pulses for the valve in the muscle's port, and the status lamp.
 
-use crate::rig::{LAMP, MS, PORT, Rig, STOP, TICK_NS};
+use crate::rig::{ENABLING, LAMP, MS, PORT, Rig, STOP, TICK_NS};
 use model_core::device::Command;
 use model_core::io::Request;
 use model_core::lamp;
 use model_core::link::ToDevice;
+use model_core::settings::SettingsValues;
 use model_core::supervisor::{Fault, Mode};
 
 /// Pull-up and pull-down registers of ports A and B, and the field of a pin that is pulled down.
@@ -105,4 +106,30 @@ fn lamp_shows_the_mode() {
         seen[usize::from(expected)] = true;
     }
     assert_eq!(seen, [true, true]);
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn enabling_device_begins_and_ends_what_moves() {
+    let mut rig = Rig::after_ms(100);
+    rig.store(SettingsValues {
+        enabling_device: 1,
+        ..SettingsValues::reference()
+    });
+    rig.run_ms(1_000);
+    let assist = ToDevice::Command(Command::Request(Request::Assist));
+    // The input is pulled down: a missing plug is a hand that has let go.
+    rig.send(&assist);
+    rig.run_ms(50);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Ready);
+    rig.board.set_level(ENABLING, Some(true));
+    rig.run_ms(100);
+    rig.send(&assist);
+    rig.run_ms(300);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Assisting);
+    rig.board.set_level(ENABLING, Some(false));
+    rig.run_ms(30);
+    let output = rig.last_telemetry().output;
+    assert_eq!((output.mode, output.fault), (Mode::Venting, None));
+    rig.assert_no_errors();
 }

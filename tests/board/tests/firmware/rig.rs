@@ -4,6 +4,7 @@ use emulated_board::{Board, ExceptionEvent, Pin, pin};
 use model_core::io::{Request, Sensors};
 use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, Identity, Telemetry, ToDevice, encode};
 use model_core::sampling::{INPUTS, SCANS};
+use model_core::settings::SettingsValues;
 
 /// Nanoseconds in a millisecond.
 pub const MS: u64 = 1_000_000;
@@ -17,6 +18,8 @@ pub const BRIDGE: Pin = pin('C', 0);
 pub const PRESSURE: Pin = pin('C', 1);
 /// Pins of the emergency stop's contacts.
 pub const STOP: [Pin; 2] = [pin('B', 10), pin('A', 8)];
+/// Pin of the enabling device's contact.
+pub const ENABLING: Pin = pin('C', 7);
 /// Pin of the pulses for the valve in the muscle's port.
 pub const PORT: Pin = pin('B', 5);
 /// Pin of the status lamp.
@@ -101,6 +104,19 @@ impl Rig {
         let mut buffer = [0; FRAME_LEN_MAX];
         let frame = encode(message, &mut buffer).expect("short enough");
         self.board.link_send(frame);
+    }
+
+    /// Stores settings, and holds the button if they change the safety block.
+    pub fn store(&mut self, values: SettingsValues) {
+        let resets = self.board.resets().len();
+        self.send(&ToDevice::WriteSettings(values));
+        self.run_ms(50);
+        if self.board.resets().len() == resets {
+            self.board.set_level(BUTTON, Some(false));
+            self.run_ms(2_050);
+            self.board.set_level(BUTTON, Some(true));
+        }
+        assert_eq!(self.board.resets().len(), resets + 1, "a restart with them");
     }
 
     /// Messages since the last call, each with its time of arrival \[ns\].

@@ -1,19 +1,21 @@
 //! Settings survive resets and power cuts.
 
-use crate::rig::{MS, Rig, TICK_EXCEPTION};
+use crate::rig::{BUTTON, LAMP, MS, Rig, TICK_EXCEPTION};
 use emulated_board::{Oscillators, ResetCause};
-use model_core::link::{FromDevice, SettingsSource, ToDevice, Written};
+use model_core::limits::safety_hash;
+use model_core::link::{Change, FromDevice, SettingsSource, Signature, ToDevice, Written};
 use model_core::settings::SettingsValues;
+use model_core::supervisor::Mode;
 
 /// Range of the settings sectors in the flash.
 const SECTORS: std::ops::Range<usize> = 0x4_0000..0x8_0000;
 
 const FLASH: u32 = 0x0800_0000;
 
-/// Settings with a gain that depends on `number`.
+/// Settings with a value outside the safety block that depends on `number`.
 fn numbered(number: u32) -> SettingsValues {
     let mut values = SettingsValues::reference();
-    values.gain = 10.0 + (number % 1000) as f32 * 0.01;
+    values.compensation.friction_n = 10.0 + (number % 1000) as f32 * 0.01;
     values
 }
 
@@ -93,6 +95,74 @@ fn invalid_settings_and_settings_while_assisting_are_rejected() {
     assert_eq!(rig.board.resets(), []);
 }
 
+/// The level of the button, and of the lamp after each millisecond, for so long.
+fn lamp(rig: &mut Rig, pressed: bool, ms: u64) -> Vec<bool> {
+    rig.board.set_level(BUTTON, Some(!pressed));
+    let lit = |rig: &mut Rig| {
+        rig.run_ms(1);
+        rig.board.level(LAMP) == Some(true)
+    };
+    (0..ms).map(|_| lit(rig)).collect()
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn settings_of_the_safety_block_are_stored_when_the_button_is_held() {
+    let mut rig = Rig::after_ms(1_000);
+    let faster = SettingsValues {
+        reference_speed_m_per_s_max: 0.5,
+        ..SettingsValues::reference()
+    };
+    let before = rig.identity().safety_hash;
+    assert_eq!(before, safety_hash(&SettingsValues::reference()));
+    // A short press, and nobody: 30 s.
+    for hold_ms in [1_500, 0] {
+        rig.send(&ToDevice::WriteSettings(faster));
+        rig.run_ms(30);
+        assert_eq!(write_result(&mut rig), Some(Written::AwaitsButton));
+        let asked = lamp(&mut rig, false, 1_000);
+        let changes = asked.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(
+            (19..=21).contains(&changes),
+            "{changes} changes of the lamp in 1 s"
+        );
+        lamp(&mut rig, true, hold_ms);
+        lamp(&mut rig, false, if hold_ms > 0 { 50 } else { 29_100 });
+        assert_eq!(write_result(&mut rig), Some(Written::NotConfirmed));
+    }
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Ready);
+    assert_eq!(rig.board.resets(), []);
+    let signature = Signature {
+        utc_s: 1_800_000_000,
+        author: *b"somebody\0\0\0\0\0\0\0\0",
+        is_confirmed: false,
+    };
+    rig.send(&ToDevice::Sign(signature));
+    rig.store(faster);
+    rig.run_ms(50);
+    assert_eq!(read(&mut rig), faster);
+    assert_eq!(rig.identity().safety_hash, safety_hash(&faster));
+    rig.messages();
+    rig.send(&ToDevice::ReadChange(0));
+    rig.run_ms(50);
+    let messages = rig.messages();
+    let change = messages.iter().find_map(|(_, message)| match message {
+        FromDevice::Change(change) => *change,
+        _ => None,
+    });
+    let is_confirmed = true;
+    let expected = Change {
+        number: 0,
+        signature: Signature {
+            is_confirmed,
+            ..signature
+        },
+        values: faster,
+    };
+    assert_eq!(change, Some(expected));
+    rig.assert_no_errors();
+}
+
 /// Interrupts the supply while settings are written, and checks that the old or the new ones are
 /// stored.
 struct PowerCuts {
@@ -136,8 +206,8 @@ impl PowerCuts {
         let intact = values == new || values == self.stored;
         assert!(
             intact,
-            "cut {} after {cut_after_ns} ns: gain {}",
-            self.number, values.gain
+            "cut {} after {cut_after_ns} ns: {} N",
+            self.number, values.compensation.friction_n
         );
         self.new_count += usize::from(values == new);
         self.stored = values;

@@ -45,6 +45,7 @@ fn pins(sensors: &Sensors) -> Pins {
         encoder: sensors.encoder,
         button_pressed: false,
         stop_open: [false; 2],
+        enabling_closed: false,
     }
 }
 

@@ -1,0 +1,504 @@
+//! One case: a rig, a person, limbs in the way, and a sequence of events.
+
+use super::body::{FOOT, HAND, TRANSIENT_S};
+use super::event::{Event, What};
+use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
+use hil_sim::bench::person::Finger;
+use hil_sim::rig::Rig;
+use model_core::controller::Control;
+use model_core::device::{Command, Device, Pins};
+use model_core::io::Request;
+use model_core::settings::{Settings, SettingsValues};
+use model_core::signal::{AdcCount, DacCount, EncoderCount};
+use model_core::supervisor::{Fault, Mode};
+use model_core::timing::Timing;
+use muscle_plant::effects::{Effect, slack};
+use muscle_plant::nominal::Load;
+use muscle_plant::simulation::{Drive, Initial, Plant, Simulated, Simulation, TOLERANCE};
+use muscle_plant::subsystem::Term;
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+const TICK_S: f64 = 0.01;
+/// Time after which the last event has ended \[s\].
+const EVENTS_S: f64 = 6.0;
+/// Time in which the weight comes to rest again \[s\].
+const AFTER_S: f64 = 3.8;
+/// The board takes the mean of so many conversions, over the whole period.
+const SCANS: u32 = 16;
+
+/// A case.
+#[derive(Clone, Debug)]
+pub struct Case {
+    pub events: Vec<Event>,
+    /// The rig has an enabling device, which the person lets go with everything else.
+    pub enabling: bool,
+    /// A limb is in the way: above at this height \[m\], below at that.
+    pub hand_m: Option<f64>,
+    pub foot_m: Option<f64>,
+    pub finger: Finger,
+    pub rig: Rig,
+    pub seed: u64,
+}
+
+/// What has happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    pub up_m_per_s: f64,
+    pub down_m_per_s: f64,
+    /// Highest rise while nobody is at the lever \[m\].
+    pub unasked_m: f64,
+    /// Highest force on the limb \[N\], and how long it was above its lasting limit \[s\].
+    pub limb_n: f64,
+    pub pressed_s: f64,
+    /// Longest contact of the limb \[s\].
+    pub contact_s: f64,
+    pub fault: Option<Fault>,
+    pub needs_hardware: bool,
+}
+
+impl Case {
+    /// The case of this seed: one to four events.
+    pub fn new(seed: u64) -> Case {
+        let mut random = Pcg64Mcg::seed_from_u64(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 24);
+        let count = random.random_range(1..=4);
+        let mut event = |_| {
+            let what = What::draw(&mut random);
+            let from_s = match what.is_latent() {
+                true if random.random_bool(0.5) => 0.0,
+                _ => random.random_range(0.7..EVENTS_S - 1.0),
+            };
+            let length_s = random.random_range(0.05..2.5);
+            // The integrator ends a step there.
+            let at_tick = |time_s: f64| (time_s / TICK_S).round() * TICK_S;
+            Event {
+                what,
+                during_s: at_tick(from_s)..at_tick((from_s + length_s).min(EVENTS_S)),
+            }
+        };
+        let mut events: Vec<Event> = (0..count).map(&mut event).collect();
+        if random.random_bool(0.25) {
+            let from_s = (random.random_range(1.2..4.0_f64) / TICK_S).round() * TICK_S;
+            events.push(Event {
+                what: What::LetsGo,
+                during_s: from_s..EVENTS_S + AFTER_S,
+            });
+        }
+        let mut case = Case::with(events, seed);
+        case.enabling = random.random_bool(0.5);
+        match random.random_range(0..4) {
+            0 => case.hand_m = Some(random.random_range(0.01..0.09)),
+            1 => case.foot_m = Some(random.random_range(0.01..0.05)),
+            _ => {}
+        }
+        case
+    }
+
+    /// A person who lifts and holds, with these events.
+    pub fn with(events: Vec<Event>, seed: u64) -> Case {
+        let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
+        let mut rig = Rig::reference();
+        let mut within = |value: &mut f64, relative: f64| {
+            *value *= 1.0 + random.random_range(-relative..relative);
+        };
+        within(&mut rig.nominal.muscle.alpha_m2, 0.01);
+        if let Load::Weight(weight) = &mut rig.nominal.load {
+            within(&mut weight.mass_kg, 0.02);
+            within(&mut weight.viscous_damping_ns_per_m, 0.3);
+        }
+        // A rope does not push.
+        let slack = Effect::typical(&slack::KIND, &slack::KIND.forms[0]);
+        rig.effects.push(slack);
+        let rise_s = random.random_range(0.6..1.5);
+        Case {
+            events,
+            enabling: false,
+            hand_m: None,
+            foot_m: None,
+            finger: Finger::Lift {
+                start_s: 1.3,
+                travel_m: random.random_range(0.06..0.12),
+                rise_s,
+                hold_s: random.random_range(0.5..2.5),
+                lower_s: rise_s,
+            },
+            rig,
+            seed,
+        }
+    }
+
+    fn happens(&self, time_s: f64) -> impl Iterator<Item = (&What, f64)> {
+        let now = move |event: &&Event| event.during_s.contains(&time_s);
+        self.events
+            .iter()
+            .filter(now)
+            .map(move |event| (&event.what, time_s - event.during_s.start))
+    }
+
+    fn is_let_go(&self, time_s: f64) -> bool {
+        self.happens(time_s).any(|(what, _)| *what == What::LetsGo)
+    }
+
+    fn plant(&self, limb: Option<&Limb>) -> Plant {
+        let mut plant = self.rig.plant(Simulated::WHOLE).expect("the reference rig");
+        for Event { what, during_s } in &self.events {
+            let during_s = during_s.clone();
+            match *what {
+                What::Snag => plant.add(Term::Load(Box::new(Snag(during_s)))),
+                What::Force(n) => plant.add(Term::Load(Box::new(Force(during_s, n)))),
+                What::Exchanged(by) => plant.add(Term::Load(Box::new(Exchanged(during_s, by)))),
+                What::ValveShut => plant.add(Term::Valve(Box::new(Valve(during_s, None)))),
+                What::ValveAt(share) => {
+                    plant.add(Term::Valve(Box::new(Valve(during_s, Some(share)))));
+                }
+                What::Supply(share, period_s) => {
+                    plant.add(Term::Supply(Box::new(Supply(during_s, share, period_s))));
+                }
+                _ => {}
+            }
+        }
+        if let Some(limb) = limb {
+            plant.add(Term::Load(Box::new(limb.clone())));
+        }
+        plant
+    }
+
+    fn limb(&self) -> Option<Limb> {
+        let (region, height_m, is_above) = match (self.hand_m, self.foot_m) {
+            (Some(height_m), _) => (HAND, height_m, true),
+            (None, Some(height_m)) => (FOOT, height_m, false),
+            (None, None) => return None,
+        };
+        Some(Limb {
+            region,
+            height_m,
+            is_above,
+            // A foot gets below a weight that is lifted.
+            is_there: Arc::new(AtomicBool::new(is_above)),
+        })
+    }
+
+    /// Intended place of the finger \[m\].
+    fn finger_m(&self, time_s: f64) -> f64 {
+        let lift_m = self.finger.intended_m(time_s);
+        self.happens(time_s)
+            .fold(lift_m, |finger_m, (what, since_s)| match *what {
+                What::Shakes(m, hz) => finger_m + m * (core::f64::consts::TAU * hz * since_s).sin(),
+                What::Pushes(m) => finger_m + (m - finger_m) * (since_s / 0.05).min(1.0),
+                _ => finger_m,
+            })
+    }
+
+    fn request(&self, time_s: f64, mode: Mode, tick: u32) -> Request {
+        let begins = mode == Mode::Ready && time_s > 1.0 && self.events_allow(time_s);
+        for (what, _) in self.happens(time_s) {
+            if *what == What::Requests {
+                let cycle = [
+                    Request::Hold,
+                    Request::Assist,
+                    Request::Vent,
+                    Request::Reset,
+                ];
+                return cycle[(tick / 20) as usize % 4];
+            }
+        }
+        if begins {
+            Request::Assist
+        } else {
+            Request::None
+        }
+    }
+
+    /// Nobody asks for assistance who has let go.
+    fn events_allow(&self, time_s: f64) -> bool {
+        !self.is_let_go(time_s)
+    }
+
+    /// Runs it with this controller.
+    pub fn run<C: Control>(&self, controller: C, settings: &Settings) -> Outcome {
+        let limb = self.limb();
+        let plant = self.plant(limb.as_ref());
+        let initial = Initial::vented(&plant);
+        let drive = Drive::default();
+        let simulation = Simulation::new(plant, &initial, &drive, TOLERANCE);
+        let mut run = Running {
+            case: self,
+            values: settings.values(),
+            simulation,
+            drive,
+            limb,
+            device: Device::with_controller(controller),
+            random: Pcg64Mcg::seed_from_u64(self.seed),
+            frozen: None,
+            outcome: Outcome::default(),
+            let_go_m: None,
+            over_s: 0.0,
+            touched_s: 0.0,
+            missed: 0,
+            mode: Mode::SelfCheck,
+            flipped: false,
+            is_beyond: false,
+        };
+        run.outcome.needs_hardware = self.events.iter().any(|event| event.what.needs_hardware());
+        let mut tick = 0;
+        while f64::from(tick) * TICK_S < EVENTS_S + AFTER_S {
+            run.tick(tick);
+            tick += 1;
+            if run.is_beyond {
+                break;
+            }
+        }
+        run.outcome
+    }
+
+    /// The settings of the board.
+    pub fn settings(&self) -> Settings {
+        let values = SettingsValues {
+            enabling_device: self.enabling.into(),
+            ..SettingsValues::reference()
+        };
+        Settings::new(values).expect("valid settings")
+    }
+}
+
+struct Running<'a, C> {
+    case: &'a Case,
+    values: &'a SettingsValues,
+    simulation: Simulation,
+    drive: Drive,
+    limb: Option<Limb>,
+    device: Device<C>,
+    random: Pcg64Mcg,
+    /// Bridge, pressure and encoder as they were when they froze.
+    frozen: Option<(AdcCount, AdcCount, EncoderCount)>,
+    outcome: Outcome,
+    /// Height since when nobody is at the lever, the lowest.
+    let_go_m: Option<f64>,
+    over_s: f64,
+    touched_s: f64,
+    missed: u8,
+    mode: Mode,
+    flipped: bool,
+    is_beyond: bool,
+}
+
+impl<C: Control> Running<'_, C> {
+    fn height_m(&self) -> f64 {
+        self.simulation.contraction() * self.case.rig.nominal.muscle.initial_length_m
+    }
+
+    fn tick(&mut self, number: u32) {
+        let time_s = f64::from(number) * TICK_S;
+        self.flip(time_s);
+        let pins = self.pins(time_s);
+        if !self.misses(time_s, number) {
+            let request = self.case.request(time_s, self.mode, number);
+            let command = (request != Request::None).then_some(Command::Request(request));
+            let timing = Timing {
+                missed_ticks: std::mem::take(&mut self.missed),
+                ..Timing::default()
+            };
+            let tick = self.device.tick(&pins, timing, command.into_iter());
+            let output = tick.telemetry.output;
+            (self.mode, self.outcome.fault) = (output.mode, output.fault.or(self.outcome.fault));
+            let count = self.dac(time_s, tick.valve);
+            self.drive.reference.0 = f64::from(self.values.valve_drive.pressure(count).0);
+        }
+        for part in 1..=5 {
+            let until_s = time_s + f64::from(part) * TICK_S / 5.0;
+            if self.simulation.advance(&self.drive, until_s).is_err() {
+                // The weight is flung beyond what the plant models.
+                self.outcome.up_m_per_s = f64::INFINITY;
+                self.is_beyond = true;
+                return;
+            }
+            self.record(until_s, TICK_S / 5.0);
+        }
+    }
+
+    /// Whether this tick is missed.
+    fn misses(&mut self, time_s: f64, number: u32) -> bool {
+        let missed = self
+            .case
+            .happens(time_s)
+            .any(|(what, since_s)| match *what {
+                What::TicksHalting(every) => number.is_multiple_of(every),
+                What::TicksMissed(count) => since_s < f64::from(count) * TICK_S - 1e-9,
+                _ => false,
+            });
+        // The board counts its own start.
+        let missed = missed && number > 0;
+        self.missed = self.missed.saturating_add(missed.into());
+        missed
+    }
+
+    fn flip(&mut self, time_s: f64) {
+        let mut flips = self
+            .case
+            .happens(time_s)
+            .filter_map(|(what, _)| match what {
+                What::Flip(bit) => Some(*bit),
+                _ => None,
+            });
+        let Some(bit) = flips.next() else { return };
+        drop(flips);
+        if !std::mem::replace(&mut self.flipped, true) {
+            let states = self.device.controller_mut().memory_mut().state.copies_mut();
+            let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
+            states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+        }
+    }
+
+    fn dac(&self, time_s: f64, count: DacCount) -> DacCount {
+        let stuck = self
+            .case
+            .happens(time_s)
+            .filter_map(|(what, _)| match what {
+                What::DacBit(bit) => Some(1 << bit),
+                _ => None,
+            });
+        DacCount::new(stuck.fold(count.get(), |count, bit: u16| count & !bit))
+    }
+
+    fn pins(&mut self, time_s: f64) -> Pins {
+        let case = self.case;
+        let is_let_go = case.is_let_go(time_s);
+        let contraction = self.simulation.contraction();
+        let length_m = case.rig.nominal.muscle.initial_length_m;
+        let assist = case.rig.require_assist().expect("the reference rig");
+        let hand_n = if is_let_go {
+            0.0
+        } else {
+            assist.finger_force_n(case.finger_m(time_s), contraction, length_m)
+        };
+        let reading = self.simulation.read();
+        let normal: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut self.random));
+        let (mut gauge_n, mut pressure_pa) = (hand_n + 0.02 * normal[0], reading.pressure.0);
+        pressure_pa += 250.0 * normal[1];
+        let mut travel_m = reading.contraction * length_m;
+        for (what, since_s) in case.happens(time_s) {
+            match *what {
+                What::GaugeZero(n) => gauge_n += n,
+                What::GaugeCreep(n_per_s, most_n) => {
+                    gauge_n += (n_per_s * since_s).clamp(-most_n.abs(), most_n.abs());
+                }
+                What::GaugeRipple(n, hz) => gauge_n += n * mean_sine(hz, time_s),
+                What::PressureZero(pa) => pressure_pa += pa,
+                What::EncoderJump(m) => travel_m += m,
+                _ => {}
+            }
+        }
+        let encoder = (travel_m / f64::from(self.values.encoder_m_per_count)).round() as i64;
+        let read = (
+            self.values.bridge.count(gauge_n as f32),
+            self.values.pressure_sensor.count(pressure_pa as f32),
+            EncoderCount(encoder as i32 as u32),
+        );
+        let frozen = *self.frozen.get_or_insert(read);
+        let freezes = |kind| case.happens(time_s).any(|(what, _)| *what == kind);
+        let chosen = (
+            if freezes(What::GaugeFrozen) {
+                frozen.0
+            } else {
+                read.0
+            },
+            if freezes(What::PressureFrozen) {
+                frozen.1
+            } else {
+                read.1
+            },
+            if freezes(What::EncoderFrozen) {
+                frozen.2
+            } else {
+                read.2
+            },
+        );
+        self.frozen = Some(chosen);
+        Pins {
+            bridge: chosen.0,
+            pressure: chosen.1,
+            encoder: chosen.2,
+            // It is gripped after the self-check.
+            enabling_closed: case.enabling && !is_let_go && time_s > 0.8,
+            ..Pins::default()
+        }
+    }
+
+    fn record(&mut self, time_s: f64, step_s: f64) {
+        let height_m = self.height_m();
+        let length_m = self.case.rig.nominal.muscle.initial_length_m;
+        let speed_m_per_s = self.simulation.contraction_rate_per_s() * length_m;
+        let outcome = &mut self.outcome;
+        outcome.up_m_per_s = outcome.up_m_per_s.max(speed_m_per_s);
+        outcome.down_m_per_s = outcome.down_m_per_s.max(-speed_m_per_s);
+        self.let_go_m = match (self.case.is_let_go(time_s), self.let_go_m) {
+            (false, _) => None,
+            (true, from_m) => Some(from_m.unwrap_or(height_m).min(height_m)),
+        };
+        if let Some(from_m) = self.let_go_m {
+            outcome.unasked_m = outcome.unasked_m.max(height_m - from_m);
+        }
+        let Some(limb) = &self.limb else { return };
+        // A foot gets below what is lifted, and what is drawn away is not there again.
+        if !limb.is_above && time_s > 2.5 && height_m > limb.height_m + 0.005 {
+            limb.is_there.store(true, Ordering::Relaxed);
+        }
+        let force_n = if limb.is_there.load(Ordering::Relaxed) {
+            limb.force_n(height_m)
+        } else {
+            0.0
+        };
+        outcome.limb_n = outcome.limb_n.max(force_n);
+        self.over_s = if force_n > limb.region.lasting_n {
+            self.over_s + step_s
+        } else {
+            0.0
+        };
+        self.touched_s = if force_n > 20.0 {
+            self.touched_s + step_s
+        } else {
+            0.0
+        };
+        outcome.pressed_s = outcome.pressed_s.max(self.over_s);
+        outcome.contact_s = outcome.contact_s.max(self.touched_s);
+    }
+}
+
+/// What the board makes of a sine of this frequency: the mean over the period before `time_s`.
+fn mean_sine(hz: f64, time_s: f64) -> f64 {
+    let at = |scan: u32| {
+        let before_s = f64::from(scan) / f64::from(SCANS) * TICK_S;
+        (core::f64::consts::TAU * hz * (time_s - before_s)).sin()
+    };
+    (0..SCANS).map(at).sum::<f64>() / f64::from(SCANS)
+}
+
+impl Outcome {
+    /// The bounds of the body that were violated.
+    pub fn violations(&self, case: &Case) -> Vec<&'static str> {
+        let limb = case.limb().map(|limb| limb.region);
+        let mass_kg = 12.0;
+        let checks = [
+            ("speed up", self.up_m_per_s > HAND.speed_m_per_s(mass_kg)),
+            (
+                "speed down",
+                self.down_m_per_s > HAND.speed_m_per_s(mass_kg),
+            ),
+            (
+                "height not asked for",
+                self.unasked_m > super::body::UNASKED_M,
+            ),
+            (
+                "transient force",
+                limb.is_some_and(|limb| self.limb_n > limb.transient_n),
+            ),
+            ("lasting force", self.pressed_s > TRANSIENT_S),
+            ("not released", self.contact_s > super::body::RELEASE_S),
+        ];
+        let violated = checks.into_iter().filter(|(_, is_violated)| *is_violated);
+        violated.map(|(name, _)| name).collect()
+    }
+}
