@@ -115,7 +115,6 @@ fn the_command_writes_settings_rig_and_report_at_its_end() {
     assert_ne!(stored, SettingsValues::reference());
     let mut rig = Rig::read(&out.join("rig.toml")).expect("a rig");
     let static_n = *rig.value_mut("load", "static_friction_n").expect("the key");
-    assert!((static_n - 7.0).abs() < 0.7, "{static_n}");
     let sigma = |key: &str| {
         let mut tolerances = rig.tolerances.iter();
         tolerances
@@ -124,7 +123,11 @@ fn the_command_writes_settings_rig_and_report_at_its_end() {
     };
     // By the gauge, as the pressure did not reach the supply; by scatter or at least 10 %.
     assert_eq!(sigma("supply_pressure_pa"), Some(0.016));
-    assert!(sigma("static_friction_n").is_some_and(|sigma| (0.1..0.2).contains(&sigma)));
+    let static_sigma = sigma("static_friction_n").expect("a tolerance");
+    assert!((0.1..0.2).contains(&static_sigma), "{static_sigma}");
+    // A program that is late plays another signal.
+    let off = static_n / 7.0 - 1.0;
+    assert!(off.abs() < 2.0 * static_sigma, "{static_n}");
     let report = std::fs::read_to_string(out.join("report.html")).expect("a report");
     assert!(report.contains("friction: slow triangles"));
 }
