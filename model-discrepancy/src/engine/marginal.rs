@@ -4,7 +4,7 @@
 use super::{
     Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Problem, START_FACTOR,
 };
-use crate::evidence::{Blocks, Linear, Prior};
+use crate::evidence::{Blocks, Evidence, Linear, Prior, Unknown, log_sum};
 use crate::least_squares::{Problem as _, at};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -27,6 +27,11 @@ const REST_S: f64 = 0.4;
 /// Rows nearer together than this are merged into their mean \[s\]: what is left changes little in
 /// that time.
 const MERGED_S: f64 = 0.03;
+/// The evidence is expanded anew so often at most, as long as a step to the most probable values
+/// promises so many nats; shares of a step that are tried.
+const EXPANSIONS: usize = 6;
+const PROMISED: f64 = 1.0;
+const SHARES: [f64; 3] = [1.0, 0.3, 0.1];
 
 /// A hypothesis with unknowns in some blocks.
 #[derive(Clone, Debug)]
@@ -35,18 +40,89 @@ pub struct Judgement {
     pub unknown: Blocks,
     /// Its log evidence.
     pub log_evidence: f64,
+    /// What is missing to the evidence about its own mode, as far as that can be told from here.
+    pub promised: f64,
     /// The candidates that do much more in some block than what is unknown there, and are not where
     /// they end: the others may be what explains most of that, and not be there.
     pub standing: Vec<usize>,
 }
 
+impl Judgement {
+    /// What its log evidence may be about its own mode.
+    pub fn reach(&self) -> f64 {
+        self.log_evidence + self.promised
+    }
+}
+
 /// What a candidate does in a block that neither nominal values nor the others do, and what a sound
 /// rig and other laws of the others may leave there, in bases.
+#[derive(Clone)]
 struct Shown {
     candidate: usize,
     place: usize,
     size: f64,
     left: f64,
+}
+
+/// Blocks that stand or fall together, and the candidates on them.
+type Group<'g> = (&'g [usize], &'g [usize]);
+
+/// A group of a hypothesis, linear about its values.
+struct Expansion {
+    hypothesis: Hypothesis,
+    linear: Linear,
+    shown: Vec<Shown>,
+    /// How many weights are of nominal values and parameters; those of laws' shapes follow.
+    values: usize,
+}
+
+impl Expansion {
+    /// The hypothesis with its values moved.
+    fn moved<M: Model>(
+        &self,
+        engine: &Engine<M>,
+        (blocks, candidates): Group,
+        step: &DVector<f64>,
+    ) -> Hypothesis {
+        let mut moved = self.hypothesis.clone();
+        let mut steps = step.iter();
+        for (free, step) in engine.free(blocks).into_iter().zip(&mut steps) {
+            moved.fit.nominal[free] += step;
+        }
+        let fit = &mut moved.fit;
+        for ((own, values), coordinates) in fit.effects.iter_mut().zip(&mut fit.coordinates) {
+            if !candidates.contains(own) {
+                continue;
+            }
+            let parameters = &engine.model.candidates()[*own].parameters;
+            let places = values.iter_mut().zip(coordinates).zip(parameters);
+            for (((value, x), parameter), step) in places.zip(&mut steps) {
+                let (least, most) = parameter.reach();
+                *x = (*x + step).clamp(least, most);
+                *value = parameter.value(*x);
+            }
+        }
+        moved
+    }
+}
+
+/// The evidence of a hypothesis beside an unknown, about the mode of that.
+struct Mode {
+    evidence: Evidence,
+    /// See [`Judgement`].
+    promised: f64,
+    shown: Vec<Shown>,
+    hypothesis: Hypothesis,
+}
+
+impl Mode {
+    /// The candidates that stand beside processes of these amplitudes in the blocks.
+    fn standing(&self, amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
+        let stands =
+            |shown: &&Shown| shown.size > (STANDS * amplitude(shown.place)).max(1.0 + shown.left);
+        let standing = self.shown.iter().filter(stands);
+        standing.map(|shown| shown.candidate).collect()
+    }
 }
 
 /// An effect in one block: its size, and how its law may change it.
@@ -61,17 +137,37 @@ struct Law {
 impl<M: Model> Engine<'_, M> {
     /// `hypothesis` with an unknown in no block and in each set of blocks; `None` if an effect of
     /// it does not show, or without a solution.
-    pub fn judgements(&self, hypothesis: &Hypothesis) -> Option<Vec<Judgement>> {
+    ///
+    /// What may reach the log evidence `floor` is expanded about its own mode, the rest about the
+    /// fit.
+    pub fn judgements(&self, hypothesis: &Hypothesis, floor: f64) -> Option<Vec<Judgement>> {
+        let groups = self.groups(&hypothesis.candidates);
+        let of_group = |(blocks, candidates): &(Vec<usize>, Vec<usize>), floor| {
+            self.group_judgements(hypothesis, (blocks, candidates), floor)
+        };
+        let about_fit = groups.iter().map(|group| of_group(group, f64::INFINITY));
+        let mut by_group: Vec<Vec<Judgement>> = about_fit.collect::<Option<_>>()?;
+        if floor < f64::INFINITY {
+            let most = |own: &Vec<Judgement>| {
+                let reach = own.iter().map(Judgement::reach);
+                reach.fold(f64::NEG_INFINITY, f64::max)
+            };
+            let reach = by_group.iter().map(most).sum::<f64>() - hypothesis.fit.free_run;
+            for (group, own) in groups.iter().zip(&mut by_group) {
+                *own = of_group(group, floor - (reach - most(own)))?;
+            }
+        }
         let mut all = vec![Judgement {
             unknown: 0,
             log_evidence: -hypothesis.fit.free_run,
+            promised: 0.0,
             standing: Vec::new(),
         }];
-        for (blocks, candidates) in self.groups(&hypothesis.candidates) {
-            let own = self.group_judgements(hypothesis, &blocks, &candidates)?;
+        for own in by_group {
             let both = |one: &Judgement, other: &Judgement| Judgement {
                 unknown: one.unknown | other.unknown,
                 log_evidence: one.log_evidence + other.log_evidence,
+                promised: one.promised + other.promised,
                 standing: [&one.standing[..], &other.standing].concat(),
             };
             let pairs = all
@@ -99,10 +195,12 @@ impl<M: Model> Engine<'_, M> {
     pub fn nominal_beside_unknown(&self, null: &Hypothesis) -> Option<Vec<f64>> {
         let mut nominal = null.fit.nominal.clone();
         for (blocks, _) in self.groups(&[]) {
-            let (linear, ..) = self.linear(null, &blocks, &[])?;
-            let weights = linear.weights_beside_unknown()?;
-            for (place, weight) in self.free(&blocks).into_iter().zip(&weights) {
-                nominal[place] += weight;
+            let group = (&blocks[..], &[][..]);
+            let fit = self.expansion(null.clone(), group)?;
+            let unknown = Unknown::process(Blocks::MAX);
+            let mode = self.mode(&fit, group, unknown, f64::NEG_INFINITY)?;
+            for place in self.free(&blocks) {
+                nominal[place] = mode.hypothesis.fit.nominal[place];
             }
         }
         Some(nominal)
@@ -112,53 +210,114 @@ impl<M: Model> Engine<'_, M> {
     fn group_judgements(
         &self,
         hypothesis: &Hypothesis,
-        blocks: &[usize],
-        candidates: &[usize],
+        group: Group,
+        floor: f64,
     ) -> Option<Vec<Judgement>> {
-        let key = self.place_of(hypothesis, blocks, candidates);
+        let key = self.place_of(hypothesis, group.0, group.1);
         if let Some(known) = self.judged.lock().ok()?.get(&key) {
-            return known.clone();
+            let is_enough = |own: &Judgement| own.promised <= 0.0 || own.reach() < floor;
+            if known.iter().flatten().all(is_enough) {
+                return known.clone();
+            }
         }
-        let (linear, shown) = self.linear(hypothesis, blocks, candidates)?;
-        let unknown = std::iter::once((0, 0));
-        let unknown = unknown.chain(blocks.iter().enumerate().map(|(n, b)| (1 << n, 1 << b)));
-        let judgements = unknown.map(|(own, all)| {
-            let (log_evidence, amplitudes) = linear.log_evidence(own)?;
-            let stands = |shown: &&Shown| {
-                let is_unknown = own & (1 << shown.place) != 0;
-                let unknown = if is_unknown {
-                    amplitudes[shown.place]
-                } else {
-                    0.0
-                };
-                shown.size > (STANDS * unknown).max(1.0 + shown.left)
-            };
-            Some(Judgement {
-                unknown: all,
-                log_evidence,
-                standing: shown.iter().filter(stands).map(|s| s.candidate).collect(),
-            })
-        });
-        let found = judgements.collect::<Option<Vec<Judgement>>>();
+        let found = self.group_judged(hypothesis, group, floor);
         self.judged.lock().ok()?.insert(key, found.clone());
         found
     }
 
-    /// The residuals of a group linear about the fit, and what the candidates do in its blocks.
-    fn linear(
+    fn group_judged(
         &self,
         hypothesis: &Hypothesis,
-        blocks: &[usize],
-        candidates: &[usize],
-    ) -> Option<(Linear, Vec<Shown>)> {
+        group: Group,
+        floor: f64,
+    ) -> Option<Vec<Judgement>> {
+        let fit = self.expansion(hypothesis.clone(), group)?;
+        let mode = |unknown| self.mode(&fit, group, unknown, floor);
+        let named = mode(Unknown::process(0))?;
+        let mut judgements = vec![Judgement {
+            unknown: 0,
+            log_evidence: named.evidence.log,
+            promised: named.promised,
+            standing: named.standing(|_| 0.0),
+        }];
+        for (place, block) in group.0.iter().enumerate() {
+            // A process of any amplitude or, as probably, nominal values outside their tolerances.
+            let process = mode(Unknown::process(1 << place))?;
+            let outside = mode(Unknown::outside(1 << place));
+            let both = [Some(&process), outside.as_ref()].into_iter().flatten();
+            let log = log_sum(both.clone().map(|own| own.evidence.log));
+            let reach = log_sum(both.map(|own| own.evidence.log + own.promised));
+            let amplitude = process.evidence.amplitudes[place];
+            let of_process = |own| if own == place { amplitude } else { 0.0 };
+            judgements.push(Judgement {
+                unknown: 1 << block,
+                log_evidence: log - 2.0_f64.ln(),
+                promised: if reach - log < PROMISED {
+                    0.0
+                } else {
+                    reach - log
+                },
+                standing: match outside {
+                    Some(own) if own.evidence.log > process.evidence.log => own.standing(|_| 0.0),
+                    _ => process.standing(of_process),
+                },
+            });
+        }
+        Some(judgements)
+    }
+
+    /// The evidence beside `unknown`, about its mode if it may reach `floor` there: where what is
+    /// unknown explains much, the most probable values are not those of the fit, which knows nothing
+    /// but noise, and the residuals are not linear from there to here.
+    fn mode(&self, fit: &Expansion, group: Group, unknown: Unknown, floor: f64) -> Option<Mode> {
+        let mut moved: Option<Expansion> = None;
+        let mut weights = DVector::zeros(fit.linear.weights());
+        let mut evidence = fit.linear.evidence(unknown)?;
+        let mut promised = 0.0;
+        for _ in 0..EXPANSIONS {
+            let about = moved.as_ref().unwrap_or(fit);
+            let density = about.linear.log_density(unknown, &weights);
+            promised = about.linear.log_density(unknown, &evidence.weights) - density;
+            if promised < PROMISED {
+                promised = 0.0;
+            }
+            if promised <= 0.0 || evidence.log + promised < floor {
+                break;
+            }
+            promised = 0.0;
+            let better = SHARES.iter().find_map(|share| {
+                let step = (&evidence.weights - &weights) * *share;
+                let next = self.expansion(about.moved(self, group, &step), group)?;
+                let mut there = &weights + &step;
+                there.rows_mut(0, about.values).fill(0.0);
+                (next.linear.log_density(unknown, &there) > density).then_some((next, there))
+            });
+            let Some((next, there)) = better else {
+                break;
+            };
+            evidence = next.linear.evidence(unknown)?;
+            weights = there;
+            moved = Some(next);
+        }
+        let about = moved.as_ref().unwrap_or(fit);
+        Some(Mode {
+            evidence,
+            promised,
+            shown: about.shown.clone(),
+            hypothesis: about.hypothesis.clone(),
+        })
+    }
+
+    /// The residuals of a group linear about `hypothesis`, and what the candidates do in its blocks.
+    fn expansion(&self, hypothesis: Hypothesis, (blocks, candidates): Group) -> Option<Expansion> {
         let free = self.free(blocks);
-        let x = self.coordinates(hypothesis, &free, candidates);
+        let x = self.coordinates(&hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
         let found = at(&mut problem, DVector::from_vec(x))?;
         let slopes = problem.slopes(&found.x, &found.residuals)?.values;
         let laws: Vec<Law> = candidates
             .iter()
-            .map(|own| self.law(blocks, hypothesis, *own, &found))
+            .map(|own| self.law(blocks, &hypothesis, *own, &found))
             .collect::<Option<_>>()?;
         let (nominal, parameters) = found.x.as_slice().split_at(free.len());
         let prior = |mean: f64, deviation: f64| Prior { mean, deviation };
@@ -203,7 +362,12 @@ impl<M: Model> Engine<'_, M> {
                 .fold(0, |mask, (place, _)| mask | (1 << place))
         });
         let nominal_blocks = nominal_blocks.collect();
-        Some((Linear::new(linear, priors, nominal_blocks), shown))
+        Some(Expansion {
+            values: found.x.len(),
+            linear: Linear::new(linear, priors, nominal_blocks),
+            hypothesis,
+            shown,
+        })
     }
 
     /// The rows of `block` among the residuals of `blocks` over all records, each with those that
@@ -256,7 +420,11 @@ impl<M: Model> Engine<'_, M> {
             shapes.extend(
                 values
                     .flat_map(|(_, values)| scaled(candidate, values))
-                    .filter_map(|values| Some(with(&[(number, values)])?.values)),
+                    .map(|values| match with(&[(number, values)]) {
+                        Some(change) => change.values,
+                        // Where it has no solution, no rig has it.
+                        None => DMatrix::zeros(whole.nrows(), 1),
+                    }),
             );
         }
         Some(Law {
@@ -348,11 +516,11 @@ fn scaled(candidate: &Candidate, values: &[f64]) -> Vec<Vec<f64>> {
     let all = scales.flat_map(|(place, parameter)| {
         [START_FACTOR, START_FACTOR.recip()]
             .into_iter()
-            .filter_map(move |factor| {
+            .map(move |factor| {
                 let mut scaled = values.to_vec();
-                scaled[place] *= factor;
                 let (least, most) = parameter.range;
-                (least..=most).contains(&scaled[place]).then_some(scaled)
+                scaled[place] = (scaled[place] * factor).clamp(least, most);
+                scaled
             })
     });
     all.collect()
@@ -405,4 +573,91 @@ fn beyond(own: &DVector<f64>, others: &[&DVector<f64>]) -> f64 {
     let vector = DVector::from_iterator(count, others.iter().map(|other| other.dot(own)));
     let explained = Cholesky::new(matrix).map_or(0.0, |f| f.solve(&vector).dot(&vector));
     (own.norm_squared() - explained).max(0.0).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Coordinate, Residuals};
+    use super::*;
+
+    const ROWS: usize = 400;
+
+    /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a fit
+    /// by noise alone takes for a wrong nominal value.
+    struct Disturbed {
+        nominal_blocks: Vec<Vec<usize>>,
+    }
+
+    impl Model for Disturbed {
+        fn records(&self) -> usize {
+            1
+        }
+        fn fitted(&self) -> usize {
+            1
+        }
+        fn blocks(&self) -> &[&'static str] {
+            &["disturbed"]
+        }
+        fn nominal_blocks(&self) -> &[Vec<usize>] {
+            &self.nominal_blocks
+        }
+        fn candidates(&self) -> &[Candidate] {
+            &[]
+        }
+        fn residuals(
+            &self,
+            _: usize,
+            _: usize,
+            nominal: &[f64],
+            _: &[Active],
+        ) -> Option<Residuals> {
+            let row = |row: usize| {
+                let phase = row as f64 / 30.0;
+                let value = nominal[0] * (1.0 + 0.1 * phase.cos());
+                value + 0.1 * value * value * phase.cos() - 90.0 * (0.3 * phase).sin().powi(2)
+            };
+            Some(Residuals::exact((0..ROWS).map(row).collect()))
+        }
+        fn rows(&self, _: usize, _: usize) -> usize {
+            ROWS
+        }
+        fn proportional(&self, _: usize) -> bool {
+            true
+        }
+        fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
+            Some(0.0)
+        }
+        fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
+            let time = (0..ROWS).map(|row| 0.03 * row as f64).collect();
+            vec![Coordinate {
+                name: "time",
+                unit: "s",
+                values: time,
+            }]
+        }
+    }
+
+    /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.
+    #[test]
+    fn evidence_does_not_depend_on_where_the_fit_is() {
+        let model = Disturbed {
+            nominal_blocks: vec![vec![0]],
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[]).expect("a fit");
+        let mut right = fitted.clone();
+        right.fit.nominal[0] = 0.0;
+        let difference = |floor: f64| {
+            let log = |hypothesis| {
+                let judgements = engine.judgements(hypothesis, floor).expect("judgements");
+                judgements[1].log_evidence
+            };
+            (log(&fitted) - log(&right)).abs()
+        };
+        assert!(fitted.fit.nominal[0] > 2.0, "{:?}", fitted.fit.nominal);
+        let about_fit = difference(f64::INFINITY);
+        let about_mode = difference(f64::NEG_INFINITY);
+        assert!(about_fit > 10.0 * PROMISED, "{about_fit}");
+        assert!(about_mode < PROMISED, "{about_mode}");
+    }
 }
