@@ -245,22 +245,21 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
     }
 
     /// Expands the evidence of what may be as probable as the most probable set about its own mode,
-    /// what promises most first.
+    /// the most probable first.
     fn expand(&mut self) {
         (self.watch)(Step::Stage("evidence about its mode", 0));
         loop {
-            let known = self.judged().filter(|own| own.1.promised <= 0.0);
-            let known = known.map(|own| own.1.log_evidence);
-            let floor = known.fold(f64::MIN, f64::max) - MATTERS;
-            let reach = |own: &Tried| {
+            let exact = self.judged().filter(|own| own.1.missing <= 0.0);
+            let exact = exact.map(|own| own.1.log_evidence);
+            let floor = exact.fold(f64::MIN, f64::max) - MATTERS;
+            let most = |own: &Tried| {
                 let open = own.judgements.iter().flatten().flatten();
-                let open = open.filter(|judgement| judgement.promised > 0.0);
-                open.map(Judgement::reach).reduce(f64::max)
+                let open = open.filter(|own| own.missing > 0.0 && own.reach() >= floor);
+                open.map(|own| own.log_evidence).reduce(f64::max)
             };
             let open = self.tried.iter().enumerate();
-            let open = open.filter_map(|(place, own)| Some((place, reach(own)?)));
-            let most = open.max_by(|a, b| a.1.total_cmp(&b.1));
-            let Some((place, _)) = most.filter(|own| own.1 >= floor) else {
+            let open = open.filter_map(|(place, own)| Some((place, most(own)?)));
+            let Some((place, _)) = open.max_by(|a, b| a.1.total_cmp(&b.1)) else {
                 break;
             };
             let judgements = self.engine.judgements(&self.tried[place].hypothesis, floor);

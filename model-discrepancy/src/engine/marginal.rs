@@ -17,6 +17,8 @@ const LAW: f64 = 0.4;
 /// An effect stands beside what is unknown in the same block if it is so many times as large: then
 /// the unknown is a hundredth of the variance.
 const STANDS: f64 = 10.0;
+/// Standard deviations of a nominal value that are no surprise.
+const TOLERATED: f64 = 2.0;
 /// A box's variance is this share of its squared half width.
 const BOX_VARIANCE: f64 = 1.0 / 3.0;
 /// Dead zones wider than this keep only rows so far apart \[s\]: what friction takes up is the same
@@ -31,6 +33,9 @@ const MERGED_S: f64 = 0.03;
 /// promises so many nats; shares of a step that are tried.
 const EXPANSIONS: usize = 6;
 const PROMISED: f64 = 1.0;
+/// The evidence is off by less than this share of what a step promises, as what is gained by one
+/// that a trust region takes for good is between half of its promise and twice that.
+const MISSING: f64 = 0.5;
 const SHARES: [f64; 3] = [1.0, 0.3, 0.1];
 
 /// A hypothesis with unknowns in some blocks.
@@ -40,8 +45,8 @@ pub struct Judgement {
     pub unknown: Blocks,
     /// Its log evidence.
     pub log_evidence: f64,
-    /// What is missing to the evidence about its own mode, as far as that can be told from here.
-    pub promised: f64,
+    /// By how much that may be more about its own mode.
+    pub missing: f64,
     /// The candidates that do much more in some block than what is unknown there, and are not where
     /// they end: the others may be what explains most of that, and not be there.
     pub standing: Vec<usize>,
@@ -50,7 +55,7 @@ pub struct Judgement {
 impl Judgement {
     /// What its log evidence may be about its own mode.
     pub fn reach(&self) -> f64 {
-        self.log_evidence + self.promised
+        self.log_evidence + self.missing
     }
 }
 
@@ -72,6 +77,8 @@ struct Expansion {
     hypothesis: Hypothesis,
     linear: Linear,
     shown: Vec<Shown>,
+    /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
+    excess: Vec<f64>,
     /// How many weights are of nominal values and parameters; those of laws' shapes follow.
     values: usize,
 }
@@ -110,8 +117,10 @@ impl Expansion {
 struct Mode {
     evidence: Evidence,
     /// See [`Judgement`].
-    promised: f64,
+    missing: f64,
     shown: Vec<Shown>,
+    /// See [`Expansion`].
+    excess: Vec<f64>,
     hypothesis: Hypothesis,
 }
 
@@ -160,14 +169,14 @@ impl<M: Model> Engine<'_, M> {
         let mut all = vec![Judgement {
             unknown: 0,
             log_evidence: -hypothesis.fit.free_run,
-            promised: 0.0,
+            missing: 0.0,
             standing: Vec::new(),
         }];
         for own in by_group {
             let both = |one: &Judgement, other: &Judgement| Judgement {
                 unknown: one.unknown | other.unknown,
                 log_evidence: one.log_evidence + other.log_evidence,
-                promised: one.promised + other.promised,
+                missing: one.missing + other.missing,
                 standing: [&one.standing[..], &other.standing].concat(),
             };
             let pairs = all
@@ -215,7 +224,7 @@ impl<M: Model> Engine<'_, M> {
     ) -> Option<Vec<Judgement>> {
         let key = self.place_of(hypothesis, group.0, group.1);
         if let Some(known) = self.judged.lock().ok()?.get(&key) {
-            let is_enough = |own: &Judgement| own.promised <= 0.0 || own.reach() < floor;
+            let is_enough = |own: &Judgement| own.missing <= 0.0 || own.reach() < floor;
             if known.iter().flatten().all(is_enough) {
                 return known.clone();
             }
@@ -237,7 +246,7 @@ impl<M: Model> Engine<'_, M> {
         let mut judgements = vec![Judgement {
             unknown: 0,
             log_evidence: named.evidence.log,
-            promised: named.promised,
+            missing: named.missing,
             standing: named.standing(|_| 0.0),
         }];
         for (place, block) in group.0.iter().enumerate() {
@@ -246,19 +255,21 @@ impl<M: Model> Engine<'_, M> {
             let outside = mode(Unknown::outside(1 << place));
             let both = [Some(&process), outside.as_ref()].into_iter().flatten();
             let log = log_sum(both.clone().map(|own| own.evidence.log));
-            let reach = log_sum(both.map(|own| own.evidence.log + own.promised));
+            let reach = log_sum(both.map(|own| own.evidence.log + own.missing));
             let amplitude = process.evidence.amplitudes[place];
             let of_process = |own| if own == place { amplitude } else { 0.0 };
             judgements.push(Judgement {
                 unknown: 1 << block,
                 log_evidence: log - 2.0_f64.ln(),
-                promised: if reach - log < PROMISED {
+                missing: if reach - log < PROMISED {
                     0.0
                 } else {
                     reach - log
                 },
                 standing: match outside {
-                    Some(own) if own.evidence.log > process.evidence.log => own.standing(|_| 0.0),
+                    Some(own) if own.evidence.log > process.evidence.log => {
+                        own.standing(|place| own.excess[place])
+                    }
                     _ => process.standing(of_process),
                 },
             });
@@ -273,18 +284,19 @@ impl<M: Model> Engine<'_, M> {
         let mut moved: Option<Expansion> = None;
         let mut weights = DVector::zeros(fit.linear.weights());
         let mut evidence = fit.linear.evidence(unknown)?;
-        let mut promised = 0.0;
+        let mut missing = 0.0;
         for _ in 0..EXPANSIONS {
             let about = moved.as_ref().unwrap_or(fit);
             let density = about.linear.log_density(unknown, &weights);
-            promised = about.linear.log_density(unknown, &evidence.weights) - density;
+            let promised = about.linear.log_density(unknown, &evidence.weights) - density;
+            missing = 0.0;
             if promised < PROMISED {
-                promised = 0.0;
-            }
-            if promised <= 0.0 || evidence.log + promised < floor {
                 break;
             }
-            promised = 0.0;
+            if evidence.log + MISSING * promised < floor {
+                missing = MISSING * promised;
+                break;
+            }
             let better = SHARES.iter().find_map(|share| {
                 let step = (&evidence.weights - &weights) * *share;
                 let next = self.expansion(about.moved(self, group, &step), group)?;
@@ -302,8 +314,9 @@ impl<M: Model> Engine<'_, M> {
         let about = moved.as_ref().unwrap_or(fit);
         Some(Mode {
             evidence,
-            promised,
+            missing,
             shown: about.shown.clone(),
+            excess: about.excess.clone(),
             hypothesis: about.hypothesis.clone(),
         })
     }
@@ -327,6 +340,7 @@ impl<M: Model> Engine<'_, M> {
         priors.extend(shapes.map(|_| prior(0.0, LAW)));
         let mut linear = Vec::new();
         let mut shown = Vec::new();
+        let mut excess = Vec::new();
         for (place, block) in blocks.iter().enumerate() {
             let (rows, merged) = self.rows_of(blocks, *block, &found);
             let wholes: Vec<DVector<f64>> = laws
@@ -352,6 +366,11 @@ impl<M: Model> Engine<'_, M> {
                     left,
                 });
             }
+            let beyond_tolerance = nominal
+                .iter()
+                .zip(found.x.iter())
+                .map(|(column, x)| column * (x - x.clamp(-TOLERATED, TOLERATED)));
+            excess.push(beyond_tolerance.sum::<DVector<f64>>().norm());
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
@@ -367,6 +386,7 @@ impl<M: Model> Engine<'_, M> {
             linear: Linear::new(linear, priors, nominal_blocks),
             hypothesis,
             shown,
+            excess,
         })
     }
 
