@@ -66,6 +66,8 @@ pub(crate) struct Evidence {
     pub(crate) log: f64,
     /// The most probable weights.
     pub(crate) weights: DVector<f64>,
+    /// Their standard deviations, with the most probable process.
+    pub(crate) deviations: DVector<f64>,
     /// The amplitude of the most probable process of each block, in bases.
     pub(crate) amplitudes: Vec<f64>,
 }
@@ -125,6 +127,12 @@ impl Normal {
         let square =
             self.square - 2.0 * self.vector.dot(weights) + (&self.matrix * weights).dot(weights);
         -0.5 * square - self.half_log_determinant
+    }
+
+    /// Standard deviations of the weights.
+    fn deviations(&self) -> Option<DVector<f64>> {
+        let covariance = Cholesky::new(self.matrix.clone())?.inverse();
+        Some(covariance.diagonal().map(f64::sqrt))
     }
 
     /// Log evidence, but for the prior's normalization, and the most probable weights.
@@ -269,10 +277,15 @@ impl Linear {
             }
         }
         let (log, weights) = best?;
+        let mut normal = prior;
+        for (block, place) in self.blocks.iter().zip(&places) {
+            normal.add(&block.whitened[*place]);
+        }
         let amplitudes = places.iter().filter_map(|place| grid().nth(*place));
         Some(Evidence {
             log,
             weights,
+            deviations: normal.deviations()?,
             amplitudes: amplitudes.map(|(amplitude, _)| amplitude).collect(),
         })
     }

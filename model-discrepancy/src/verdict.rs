@@ -20,7 +20,7 @@ const ALTERNATIVES: usize = 3;
 /// Standard deviations of noise beyond which something is more than it.
 const NOISE: f64 = 4.0;
 /// Probability from which something is more probable than not.
-const PROBABLE: f64 = 0.5;
+pub const PROBABLE: f64 = 0.5;
 
 /// What the data say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -69,7 +69,7 @@ impl Default for Costs {
 
 impl Costs {
     /// Probability from which to name an effect costs less than not to.
-    fn threshold(self) -> f64 {
+    pub fn threshold(self) -> f64 {
         self.wrong_name / (self.wrong_name + self.missing_name)
     }
 }
@@ -181,7 +181,7 @@ fn posterior(judged: &[Judged]) -> Vec<Set> {
 }
 
 /// Sum of the probabilities of sets.
-fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
+pub fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
     let sets = posterior.iter().filter(|set| of(set));
     // Rounding must not make it more than 1.
     sets.map(|set| set.probability).sum::<f64>().min(1.0)

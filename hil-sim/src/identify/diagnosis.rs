@@ -13,6 +13,7 @@ use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
 use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Tally};
+use model_discrepancy::evidence::Blocks;
 use model_discrepancy::left::{Profile, profiles, when};
 use model_discrepancy::verdict::{Costs, Selection, Step, Verdict, Watch, select};
 use muscle_plant::nominal::Gas;
@@ -226,13 +227,20 @@ const ABOVE_NOISE: f64 = 1.1;
 const SEEN_ABOVE_NOISE: f64 = 1.2;
 
 /// Keeps the time.
-struct Clock {
+pub(super) struct Clock {
     begin: Instant,
-    stages: Vec<Stage>,
+    pub(super) stages: Vec<Stage>,
 }
 
 impl Clock {
-    fn lap(&mut self, stage: &str) {
+    pub(super) fn new() -> Clock {
+        Clock {
+            begin: Instant::now(),
+            stages: Vec::new(),
+        }
+    }
+
+    pub(super) fn lap(&mut self, stage: &str) {
         let spent_s = self.begin.elapsed().as_secs_f64();
         self.stages.push(Stage {
             stage: stage.into(),
@@ -289,10 +297,7 @@ pub fn diagnose(
     options: &Options,
     watch: Watch,
 ) -> Result<Diagnosed, BadInput> {
-    let mut clock = Clock {
-        begin: Instant::now(),
-        stages: Vec::new(),
-    };
+    let mut clock = Clock::new();
     watch(Step::Stage("data and noise", 0));
     let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
     let model = MuscleModel::new(rig, fit, validate, &options.without)?;
@@ -344,7 +349,7 @@ pub fn diagnose(
         },
         calibrated,
         blocks,
-        hypotheses: hypotheses(&model, &selection),
+        hypotheses: hypotheses(&selection, |unknown| model.unknown_in(unknown)),
         warnings,
         stages: clock.stages,
     };
@@ -356,7 +361,10 @@ pub fn diagnose(
 }
 
 /// The posterior, without what hardly anything speaks for.
-fn hypotheses(model: &MuscleModel, selection: &Selection) -> Vec<Hypothesis> {
+pub(super) fn hypotheses(
+    selection: &Selection,
+    unknown_in: impl Fn(Blocks) -> Vec<&'static str>,
+) -> Vec<Hypothesis> {
     let mut left = 1.0;
     let mut listed = selection.posterior.iter().take_while(|set| {
         let is_listed = left > UNLISTED;
@@ -367,7 +375,7 @@ fn hypotheses(model: &MuscleModel, selection: &Selection) -> Vec<Hypothesis> {
         .by_ref()
         .map(|set| Hypothesis {
             effects: set.effects.clone(),
-            unknown: model.unknown_in(set.unknown),
+            unknown: unknown_in(set.unknown),
             probability: set.probability,
         })
         .collect()
@@ -473,7 +481,7 @@ fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) ->
         .collect()
 }
 
-fn blocks(model: &MuscleModel, null: &Fitted, taken: &Fitted) -> Vec<BlockOf> {
+pub(super) fn blocks(model: &impl Model, null: &Fitted, taken: &Fitted) -> Vec<BlockOf> {
     // Where nothing is named, before is as after, not as it was compared.
     let named = !taken.candidates.is_empty();
     let null = if named { null } else { taken };

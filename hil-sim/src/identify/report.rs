@@ -1,11 +1,12 @@
 //! The diagnosis as a person reads it.
 
-use super::diagnosis::{Diagnosed, Diagnosis, GapOf, Hypothesis, Named};
+use super::diagnosis::{Diagnosis, GapOf, Hypothesis, Named};
 use crate::identify::gap::{SIGNALS, Signal, significant};
 use crate::record::Record;
 use crate::report::{Axis, Marker, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
 use model_discrepancy::verdict::Verdict;
+use muscle_plant::effects::Catalogue;
 
 /// Sets that are shown in the table, and in words.
 const SHOWN: usize = 12;
@@ -381,8 +382,7 @@ fn calibrated_table(diagnosis: &Diagnosis) -> Table {
 }
 
 /// What is missing, why, and what else it could be.
-fn missing(diagnosed: &Diagnosed) -> Section {
-    let diagnosis = &diagnosed.diagnosis;
+fn missing(diagnosis: &Diagnosis) -> Section {
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
         let gain = evidence.gain_nats.map_or_else(String::new, |nats| {
@@ -402,7 +402,7 @@ fn missing(diagnosed: &Diagnosed) -> Section {
         .effects
         .iter()
         .flat_map(|effect| &effect.alternatives);
-    let others = others.filter_map(|name| diagnosed.fitted.catalogue.find(name));
+    let others = others.filter_map(|name| Catalogue::standard().find(name));
     let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.signature));
     let mut section = Section {
         heading: "What is missing".into(),
@@ -415,15 +415,19 @@ fn missing(diagnosed: &Diagnosed) -> Section {
     section
 }
 
-/// The report of a diagnosis; `rig_toml` is the fitted rig's file.
-pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Report {
-    let diagnosis = &diagnosed.diagnosis;
+/// The report of a diagnosis with the free runs of the records to `validate`; `rig_toml` is the fitted rig's file, if there is a rig.
+pub fn report(
+    diagnosis: &Diagnosis,
+    validate: &[Record],
+    free_runs: &[[Record; 2]],
+    rig_toml: Option<&str>,
+) -> Report {
     let mut gap = Section {
         heading: "The gap".into(),
         tables: vec![gap_table(diagnosis)],
         ..Section::default()
     };
-    for (number, (record, runs)) in validate.iter().zip(&diagnosed.free_runs).enumerate() {
+    for (number, (record, runs)) in validate.iter().zip(free_runs).enumerate() {
         gap.plots
             .extend(over_time(diagnosis, record, runs, number + 1));
     }
@@ -448,12 +452,18 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
         .iter()
         .map(|s| format!("{} {:.1} s", s.stage, s.spent_s));
     let stages: Vec<String> = stages.collect();
+    let fitted = rig_toml.map(|toml| Section {
+        heading: "The fitted rig".into(),
+        text: vec!["rig.fitted.toml, which every command takes.".into()],
+        code: toml.into(),
+        ..Section::default()
+    });
     Report {
         title: "Diagnosis".into(),
         verdict: sentences(diagnosis),
         sections: vec![
             gap,
-            missing(diagnosed),
+            missing(diagnosis),
             where_it_lives,
             Section {
                 heading: "How probable it is".into(),
@@ -461,13 +471,10 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
                 tables: vec![posterior_table(diagnosis), calibrated_table(diagnosis)],
                 ..Section::default()
             },
-            Section {
-                heading: "The fitted rig".into(),
-                text: vec!["rig.fitted.toml, which every command takes.".into()],
-                code: rig_toml.into(),
-                ..Section::default()
-            },
-        ],
+        ]
+        .into_iter()
+        .chain(fitted)
+        .collect(),
         repeat: Vec::new(),
     }
 }

@@ -215,6 +215,32 @@ impl<M: Model> Engine<'_, M> {
         Some(nominal)
     }
 
+    /// 95 % intervals of the parameters of the candidates of `hypothesis` beside an unknown in every
+    /// block, about the mode of that.
+    pub fn intervals_beside_unknown(&self, hypothesis: &Hypothesis) -> Option<Vec<Vec<[f64; 2]>>> {
+        let all = self.model.candidates();
+        let mut intervals = vec![Vec::new(); hypothesis.candidates.len()];
+        for (blocks, candidates) in self.groups(&hypothesis.candidates) {
+            let group = (&blocks[..], &candidates[..]);
+            let fit = self.expansion(hypothesis.clone(), group)?;
+            let unknown = Unknown::process(Blocks::MAX);
+            let mode = self.mode(&fit, group, unknown, f64::NEG_INFINITY)?;
+            let nominals = self.free(&blocks);
+            let x = self.coordinates(&mode.hypothesis, &nominals, &candidates);
+            let weights = mode.evidence.weights.iter().zip(&mode.evidence.deviations);
+            let values = x.iter().zip(weights).skip(nominals.len());
+            let parameters = candidates
+                .iter()
+                .flat_map(|own| all[*own].parameters.iter().map(move |p| (own, p)));
+            for ((own, parameter), (x, (step, deviation))) in parameters.zip(values) {
+                let [low, high] = [-1.96, 1.96].map(|z| parameter.value(x + step + z * deviation));
+                let place = hypothesis.candidates.iter().position(|c| c == own)?;
+                intervals[place].push([low.min(high), low.max(high)]);
+            }
+        }
+        Some(intervals)
+    }
+
     /// Judgements of the blocks of a group alone.
     fn group_judgements(
         &self,
