@@ -976,27 +976,6 @@ impl<'a, M: Model> Engine<'a, M> {
         Some(hypothesis.candidates.iter().map(of).collect())
     }
 
-    /// The candidates of a hypothesis, which is `estimated`, whose size may as well be none: that
-    /// is within its 95 % interval. Several sizes of one may be none each and not together, and are
-    /// not looked at.
-    pub fn vanishing(&self, estimated: &Hypothesis) -> Vec<usize> {
-        if estimated.candidates.is_empty() {
-            return Vec::new();
-        }
-        let intervals = self.intervals(estimated).unwrap_or_default();
-        let pairs = estimated.candidates.iter().zip(intervals);
-        let vanish = pairs.filter(|(candidate, intervals)| {
-            let parameters = self.model.candidates()[**candidate].parameters.iter();
-            let sizes = parameters.zip(intervals);
-            let mut sizes = sizes.filter_map(|(own, [low, high])| {
-                let none = own.neutral?;
-                Some((*low..=*high).contains(&none))
-            });
-            sizes.next() == Some(true) && sizes.next().is_none()
-        });
-        vanish.map(|(candidate, _)| *candidate).collect()
-    }
-
     /// Where the fit of `hypothesis` is, in the coordinates of a problem.
     fn coordinates(
         &self,

@@ -235,7 +235,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let search = Search::run(engine, watch)?;
     let judged = judged(&search);
     let posterior = posterior(&judged);
-    let mut certain = certain(&standing(&posterior, &judged), costs.threshold());
+    let certain = certain(&standing(&posterior, &judged), costs.threshold());
     let most = |of: &dyn Fn(&Judged) -> bool| {
         let sets = judged.iter().filter(|own| of(own));
         let most = sets.max_by(|a, b| a.log.total_cmp(&b.log));
@@ -250,18 +250,9 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         let named = most(&|own| own.names == names).or_else(|| most(&some));
         named.unwrap_or_else(|| null.clone())
     };
-    let mut names = sorted_names(&certain);
-    let mut named = of_names(&names);
-    let mut estimated = engine.estimated(&named);
-    let vanishing = estimated.as_ref().map(|own| engine.vanishing(own));
-    let vanishing = vanishing.unwrap_or_default();
-    if !vanishing.is_empty() {
-        let vanishes = |name: &str| vanishing.iter().any(|own| search.name(*own) == name);
-        certain.retain(|own| !vanishes(own.0));
-        names = sorted_names(&certain);
-        named = of_names(&names);
-        estimated = engine.estimated(&named);
-    }
+    let names = sorted_names(&certain);
+    let named = of_names(&names);
+    let estimated = engine.estimated(&named);
     let is_certain = |effect: &&str| {
         let mut certain = certain.iter();
         certain.any(|own| own.0 == *effect || own.1.contains(effect))
