@@ -12,7 +12,7 @@ use super::least_squares::{
     Found, Goal, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
 };
 use super::rows::Timeline;
-pub use marginal::Judgement;
+pub use marginal::{Judgement, Shape};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};

@@ -12,7 +12,7 @@ use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Tally};
+use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Shape, Tally};
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::left::{Profile, profiles, when};
 use model_discrepancy::verdict::{Costs, Selection, Step, Verdict, Watch, select};
@@ -61,6 +61,9 @@ pub struct Named {
     pub place: &'static str,
     /// Its parameters.
     pub parameters: BTreeMap<&'static str, Estimate>,
+    /// How large it is over a quantity, in the size that its parameters say; none where its name says
+    /// its form.
+    pub shape: Option<Shape>,
     /// Probability that it, or one of its alternatives, is present.
     pub probability: f64,
     /// Effects that the data cannot tell from it.
@@ -440,6 +443,7 @@ fn nominal_of(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitte
 fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {
     let all = engine.model.candidates();
     let intervals = engine.intervals(taken);
+    let shapes = engine.shapes(taken);
     let of = |(place, (candidate, values)): (usize, &Active)| {
         let (effect, form) = (all[*candidate].effect, all[*candidate].form);
         let kind = engine.model.catalogue().find(effect)?;
@@ -458,6 +462,7 @@ fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) ->
             form,
             place: kind.subsystem.name(),
             parameters: parameters.collect(),
+            shape: shapes.get(place).cloned().flatten(),
             probability: *selection.probabilities.get(place)?,
             alternatives: selection
                 .alternatives

@@ -285,6 +285,7 @@ pub fn leak_down(
                 form: EXPONENTIAL,
                 place: GAS,
                 parameters: parameters.into(),
+                shape: None,
                 probability: leaks,
                 alternatives: Vec::new(),
                 evidence: Evidence {

@@ -283,6 +283,17 @@ fn over_time(
     SIGNALS.iter().filter_map(plot).flatten().collect()
 }
 
+fn coordinate_axis(coordinate: &str, unit: &str) -> Axis {
+    let (unit, factor) = match (coordinate, unit) {
+        (_, "Pa") => ("kPa", 1e-3),
+        (_, "Pa/s") => ("kPa/s", 1e-3),
+        ("contraction", _) => ("%", 100.0),
+        ("rate", _) => ("%/s", 100.0),
+        (_, unit) => (unit, 1.0),
+    };
+    Axis::new(coordinate, unit, factor)
+}
+
 /// Mean square residual of a block against a coordinate.
 fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
     let directions = before.coordinate == "direction";
@@ -300,14 +311,7 @@ fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
         let line = Series::new(name, x, y);
         if directions { line.points() } else { line }
     };
-    let (unit, factor) = match (before.coordinate, before.unit) {
-        (_, "Pa") => ("kPa", 1e-3),
-        (_, "Pa/s") => ("kPa/s", 1e-3),
-        ("contraction", _) => ("%", 100.0),
-        ("rate", _) => ("%/s", 100.0),
-        (_, unit) => (unit, 1.0),
-    };
-    let axis = Axis::new(before.coordinate, unit, factor);
+    let axis = coordinate_axis(before.coordinate, before.unit);
     let axis = if directions {
         axis.named(DIRECTIONS.to_vec())
     } else {
@@ -350,6 +354,37 @@ fn effect_table(diagnosis: &Diagnosis) -> Table {
         columns: columns.map(String::from).to_vec(),
         rows: rows.collect(),
     }
+}
+
+/// How large a named effect is over a quantity, beside its form.
+fn shape_plot(effect: &Named) -> Option<Plot> {
+    let shape = effect.shape.as_ref()?;
+    let series = |name: &str, values: &[f64]| Series::new(name, shape.at.clone(), values.to_vec());
+    let ends = |sign: f64| -> Vec<f64> {
+        let pairs = shape.value.iter().zip(&shape.sd);
+        pairs.map(|(value, sd)| value + sign * 1.96 * sd).collect()
+    };
+    Some(Plot {
+        title: format!("{}: size over {}", effect.name, shape.coordinate),
+        caption: format!(
+            "In the size that the form {} has with its parameters, and its 95 % interval",
+            effect.form
+        ),
+        x: coordinate_axis(shape.coordinate, shape.unit),
+        y: Axis::new("size", "1", 1.0),
+        series: vec![
+            series("form", &vec![1.0; shape.at.len()]).role(Role::Nominal),
+            series("found", &shape.value).role(Role::Fitted),
+            series("95 % interval, low", &ends(-1.0))
+                .role(Role::Fitted)
+                .dashed(),
+            series("95 % interval, high", &ends(1.0))
+                .role(Role::Fitted)
+                .dashed(),
+        ],
+        markers: Vec::new(),
+        sync: None,
+    })
 }
 
 fn posterior_table(diagnosis: &Diagnosis) -> Table {
@@ -412,6 +447,9 @@ fn missing(diagnosis: &Diagnosis) -> Section {
     if !diagnosis.effects.is_empty() {
         section.tables.push(effect_table(diagnosis));
     }
+    section
+        .plots
+        .extend(diagnosis.effects.iter().filter_map(shape_plot));
     section
 }
 

@@ -19,6 +19,8 @@ const LAW: f64 = 0.4;
 const STANDS: f64 = 10.0;
 /// Standard deviations of a nominal value that are no surprise.
 const TOLERATED: f64 = 2.0;
+/// Points at which a shape is told.
+const SHAPE_POINTS: usize = 9;
 /// A box's variance is this share of its squared half width.
 const BOX_VARIANCE: f64 = 1.0 / 3.0;
 /// Dead zones wider than this keep only rows so far apart \[s\]: what friction takes up is the same
@@ -79,6 +81,8 @@ struct Expansion {
     shown: Vec<Shown>,
     /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
     excess: Vec<f64>,
+    /// What weights of laws along a quantity belong to: candidate, weight, quantity.
+    along: Vec<(usize, usize, Along)>,
     /// How many weights are of nominal values and parameters; those of laws' shapes follow.
     values: usize,
 }
@@ -121,6 +125,7 @@ struct Mode {
     shown: Vec<Shown>,
     /// See [`Expansion`].
     excess: Vec<f64>,
+    along: Vec<(usize, usize, Along)>,
     hypothesis: Hypothesis,
 }
 
@@ -134,13 +139,56 @@ impl Mode {
     }
 }
 
+/// A quantity beside residuals, with its least value and half of its range.
+#[derive(Clone, Copy)]
+struct Along {
+    name: &'static str,
+    unit: &'static str,
+    least: f64,
+    half: f64,
+}
+
+impl Along {
+    /// The shape of a law of this weight, whose residuals change as an effect vanishes.
+    fn shape(self, weight: f64, deviation: f64) -> Shape {
+        let places = (0..SHAPE_POINTS).map(|n| 2.0 * n as f64 / (SHAPE_POINTS - 1) as f64 - 1.0);
+        Shape {
+            coordinate: self.name,
+            unit: self.unit,
+            at: places
+                .clone()
+                .map(|place| self.least + self.half * (1.0 + place))
+                .collect(),
+            value: places.clone().map(|place| 1.0 - weight * place).collect(),
+            sd: places.map(|place| deviation * place.abs()).collect(),
+        }
+    }
+}
+
+/// How much larger than its form an effect is over one quantity: that over which it differs most
+/// clearly.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Shape {
+    /// The quantity.
+    pub coordinate: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Its values, over the records' range.
+    pub at: Vec<f64>,
+    /// Size of the effect there, in that of its form.
+    pub value: Vec<f64>,
+    /// Standard deviation of that.
+    pub sd: Vec<f64>,
+}
+
 /// An effect in one block: its size, and how its law may change it.
 struct Law {
     candidate: usize,
     /// How the residuals change as the effect vanishes.
     whole: DMatrix<f64>,
-    /// How they change as its law does.
+    /// How they change as its law does: along quantities, then by acting at other scales.
     shapes: Vec<DMatrix<f64>>,
+    along: Vec<Along>,
 }
 
 impl<M: Model> Engine<'_, M> {
@@ -213,6 +261,34 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         Some(nominal)
+    }
+
+    /// The shapes of the candidates of `hypothesis` over the quantities beside the residuals, about the
+    /// mode of the evidence; none where a candidate's name says its form.
+    pub fn shapes(&self, hypothesis: &Hypothesis) -> Vec<Option<Shape>> {
+        let groups = self.groups(&hypothesis.candidates);
+        let modes = groups.iter().filter_map(|(blocks, candidates)| {
+            let group = (&blocks[..], &candidates[..]);
+            let fit = self.expansion(hypothesis.clone(), group)?;
+            self.mode(&fit, group, Unknown::process(0), f64::NEG_INFINITY)
+        });
+        let modes: Vec<Mode> = modes.collect();
+        let of = |candidate: &usize| {
+            let laws = modes.iter().flat_map(|mode| {
+                let own = mode.along.iter().filter(|own| own.0 == *candidate);
+                own.map(|(_, place, along)| {
+                    let evidence = &mode.evidence;
+                    (
+                        evidence.weights[*place],
+                        evidence.deviations[*place],
+                        *along,
+                    )
+                })
+            });
+            let clearest = laws.max_by(|a, b| (a.0 / a.1).abs().total_cmp(&(b.0 / b.1).abs()));
+            clearest.map(|(weight, deviation, along)| along.shape(weight, deviation))
+        };
+        hypothesis.candidates.iter().map(of).collect()
     }
 
     /// 95 % intervals of the parameters of the candidates of `hypothesis` beside an unknown in every
@@ -343,6 +419,7 @@ impl<M: Model> Engine<'_, M> {
             missing,
             shown: about.shown.clone(),
             excess: about.excess.clone(),
+            along: about.along.clone(),
             hypothesis: about.hypothesis.clone(),
         })
     }
@@ -364,6 +441,13 @@ impl<M: Model> Engine<'_, M> {
         priors.extend(parameters.iter().map(|x| prior(1.0 - x, EFFECT_PRIOR)));
         let shapes = laws.iter().flat_map(|law| &law.shapes);
         priors.extend(shapes.map(|_| prior(0.0, LAW)));
+        let mut along = Vec::new();
+        let mut first = found.x.len();
+        for law in &laws {
+            let own = law.along.iter().enumerate();
+            along.extend(own.map(|(place, along)| (law.candidate, first + place, *along)));
+            first += law.shapes.len();
+        }
         let mut linear = Vec::new();
         let mut shown = Vec::new();
         let mut excess = Vec::new();
@@ -413,6 +497,7 @@ impl<M: Model> Engine<'_, M> {
             hypothesis,
             shown,
             excess,
+            along,
         })
     }
 
@@ -458,10 +543,12 @@ impl<M: Model> Engine<'_, M> {
             problem.change(&found.residuals, &moves, with)
         };
         let whole = with(&[])?.values;
-        let mut shapes = Vec::new();
+        let (mut shapes, mut along) = (Vec::new(), Vec::new());
         if candidate.form_doubt > 0.0 {
-            let modulations = self.modulations((problem.records, blocks)).into_iter();
-            shapes.extend(modulations.map(|shape| whole.component_mul(&shape)));
+            for (own, place) in self.modulations((problem.records, blocks)) {
+                shapes.push(whole.component_mul(&place));
+                along.push(own);
+            }
             let values = effects.iter().filter(|own| own.0 == number);
             shapes.extend(
                 values
@@ -477,19 +564,21 @@ impl<M: Model> Engine<'_, M> {
             candidate: number,
             whole,
             shapes,
+            along,
         })
     }
 
     /// The quantities beside the residuals of `blocks` over `records`, from −1 to 1; without
     /// direction and time, by which other effects are told.
-    fn modulations(&self, (records, blocks): (usize, &[usize])) -> Vec<DMatrix<f64>> {
-        let mut shapes: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    fn modulations(&self, (records, blocks): (usize, &[usize])) -> Vec<(Along, DMatrix<f64>)> {
+        let mut shapes: BTreeMap<(&'static str, &'static str), Vec<f64>> = BTreeMap::new();
         let mut rows = 0;
         for record in 0..records {
             for block in blocks {
                 for coordinate in self.model.context(record, *block) {
                     if !["time", "direction"].contains(&coordinate.name) {
-                        let values = shapes.entry(coordinate.name).or_default();
+                        let values = shapes.entry((coordinate.name, coordinate.unit));
+                        let values = values.or_default();
                         values.resize(rows, 0.0);
                         values.extend(coordinate.values);
                     }
@@ -497,7 +586,7 @@ impl<M: Model> Engine<'_, M> {
                 rows += self.model.rows(record, *block);
             }
         }
-        let scaled = |mut values: Vec<f64>| {
+        let scaled = |((name, unit), mut values): ((&'static str, &'static str), Vec<f64>)| {
             values.resize(rows, 0.0);
             let least = values.iter().copied().fold(f64::INFINITY, f64::min);
             let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -509,9 +598,18 @@ impl<M: Model> Engine<'_, M> {
                     (value - least) / half - 1.0
                 }
             };
-            DMatrix::from_iterator(rows, 1, values.iter().map(place))
+            let along = Along {
+                name,
+                unit,
+                least,
+                half,
+            };
+            (
+                along,
+                DMatrix::from_iterator(rows, 1, values.iter().map(place)),
+            )
         };
-        shapes.into_values().map(scaled).collect()
+        shapes.into_iter().map(scaled).collect()
     }
 }
 
@@ -623,18 +721,23 @@ fn beyond(own: &DVector<f64>, others: &[&DVector<f64>]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Coordinate, Residuals};
+    use super::super::{Coordinate, Parameter, Residuals};
     use super::*;
 
     const ROWS: usize = 400;
 
-    /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a fit
-    /// by noise alone takes for a wrong nominal value.
-    struct Disturbed {
+    /// One block of so many rows, 30 ms apart, with a load that swings.
+    struct Rows30 {
         nominal_blocks: Vec<Vec<usize>>,
+        candidates: Vec<Candidate>,
+        residual: fn(usize, &[f64], &[Active]) -> f64,
     }
 
-    impl Model for Disturbed {
+    fn load(row: usize) -> f64 {
+        (0.21 * row as f64).sin()
+    }
+
+    impl Model for Rows30 {
         fn records(&self) -> usize {
             1
         }
@@ -642,27 +745,23 @@ mod tests {
             1
         }
         fn blocks(&self) -> &[&'static str] {
-            &["disturbed"]
+            &["block"]
         }
         fn nominal_blocks(&self) -> &[Vec<usize>] {
             &self.nominal_blocks
         }
         fn candidates(&self) -> &[Candidate] {
-            &[]
+            &self.candidates
         }
         fn residuals(
             &self,
             _: usize,
             _: usize,
             nominal: &[f64],
-            _: &[Active],
+            effects: &[Active],
         ) -> Option<Residuals> {
-            let row = |row: usize| {
-                let phase = row as f64 / 30.0;
-                let value = nominal[0] * (1.0 + 0.1 * phase.cos());
-                value + 0.1 * value * value * phase.cos() - 90.0 * (0.3 * phase).sin().powi(2)
-            };
-            Some(Residuals::exact((0..ROWS).map(row).collect()))
+            let rows = (0..ROWS).map(|row| (self.residual)(row, nominal, effects));
+            Some(Residuals::exact(rows.collect()))
         }
         fn rows(&self, _: usize, _: usize) -> usize {
             ROWS
@@ -674,20 +773,77 @@ mod tests {
             Some(0.0)
         }
         fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
-            let time = (0..ROWS).map(|row| 0.03 * row as f64).collect();
-            vec![Coordinate {
-                name: "time",
-                unit: "s",
-                values: time,
-            }]
+            let coordinate = |name, unit, value: fn(usize) -> f64| Coordinate {
+                name,
+                unit,
+                values: (0..ROWS).map(value).collect(),
+            };
+            vec![
+                coordinate("load", "N", load),
+                coordinate("time", "s", |row| 0.03 * row as f64),
+            ]
+        }
+    }
+
+    /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a fit
+    /// by noise alone takes for a wrong nominal value.
+    fn disturbed(row: usize, nominal: &[f64], _: &[Active]) -> f64 {
+        let phase = row as f64 / 30.0;
+        let value = nominal[0] * (1.0 + 0.1 * phase.cos());
+        value + 0.1 * value * value * phase.cos() - 90.0 * (0.3 * phase).sin().powi(2)
+    }
+
+    /// An effect that is larger by 0.3 of itself where the load is largest than in its middle, of
+    /// which the catalogue's form knows nothing; nominal values that do nothing.
+    fn modulated(row: usize, nominal: &[f64], effects: &[Active]) -> f64 {
+        let size: f64 = effects.iter().map(|(_, values)| values[0]).sum();
+        let shape = 40.0 * (0.5 * row as f64).cos();
+        let noise = (7.3 * row as f64).sin() + 0.01 * nominal[0];
+        shape * (size - 1.0 - 0.3 * load(row)) + noise
+    }
+
+    #[test]
+    fn a_shape_is_found_that_no_form_has() {
+        let size = Parameter {
+            name: "size",
+            unit: "",
+            range: (-10.0, 10.0),
+            usual: 1.0,
+            log: false,
+            neutral: Some(0.0),
+            ends: [false; 2],
+        };
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![Candidate {
+                effect: "waves",
+                form: "waves",
+                parameters: vec![size],
+                blocks: vec![0],
+                form_doubt: 0.05,
+            }],
+            residual: modulated,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        let [Some(shape)] = &engine.shapes(&fitted)[..] else {
+            panic!("no shape");
+        };
+        assert_eq!((shape.coordinate, shape.unit), ("load", "N"));
+        for ((at, value), sd) in shape.at.iter().zip(&shape.value).zip(&shape.sd) {
+            let expected = 1.0 + 0.3 * at;
+            assert!((value - expected).abs() < 2.0 * sd + 0.01, "{shape:?}");
+            assert!(*sd < 0.05, "{shape:?}");
         }
     }
 
     /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.
     #[test]
     fn evidence_does_not_depend_on_where_the_fit_is() {
-        let model = Disturbed {
+        let model = Rows30 {
             nominal_blocks: vec![vec![0]],
+            candidates: Vec::new(),
+            residual: disturbed,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[]).expect("a fit");
