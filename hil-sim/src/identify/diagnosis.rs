@@ -426,7 +426,7 @@ fn nominal_of(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitte
     } else {
         model.refined(&taken.fit.nominal, &taken.fit.effects)
     };
-    model.with_static_friction_above_coulomb(nominal)
+    model.readable(nominal)
 }
 
 fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {
