@@ -5,7 +5,7 @@
 //! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 use super::muscle::{Calibrated, MuscleModel};
-use crate::error::BadInput;
+use crate::error::{BadInput, significant};
 use crate::identify::gap;
 use crate::identify::inputs::above_vacuum;
 use crate::identify::simulate::{simulate, simulated};
@@ -400,8 +400,8 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
             format!(
                 "{signal}: the fitted rig predicts the validation records worse than the nominal \
                  one, by {} in place of {} root mean square",
-                gap::significant(gap.after),
-                gap::significant(gap.before)
+                significant(gap.after),
+                significant(gap.before)
             )
         })
         .collect();
