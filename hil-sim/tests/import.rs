@@ -537,29 +537,6 @@ fn small_hdf5_files_cannot_cost_much() {
 
 /// 10 MB of one number in each line, and of an ordinary record.
 #[test]
-fn ten_megabytes_of_csv_cost_little() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path();
-    let ones = "[file]\nheader = false\n[time]\nrate_hz = 100\n[columns.force_n]\ncolumn = 1\n\
-                unit = \"N\"\n";
-    std::fs::write(path.join("ones.toml"), ones).expect("written");
-    std::fs::write(path.join("ones.csv"), "1\n".repeat(5_000_000)).expect("written");
-    assert_eq!(cheap(path, "ones.csv", "ones.toml"), "");
-    let row = |row: u32| {
-        format!(
-            "{}.{:02},{}.123456789012\n",
-            row / 100,
-            row % 100,
-            row % 1000
-        )
-    };
-    let rows: String = (0..400_000).map(row).collect();
-    std::fs::write(path.join("rows.toml"), SIMPLE).expect("written");
-    std::fs::write(path.join("rows.csv"), format!("t,f\n{rows}")).expect("written");
-    assert_eq!(cheap(path, "rows.csv", "rows.toml"), "");
-}
-
-#[test]
 fn fields_of_structs_and_arrays_of_one_dimension_are_read() {
     let struct_field = SIMPLE
         .replace("column = 1", "column = \"t_ms\"")

@@ -5,7 +5,7 @@
 //! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 use super::muscle::{Calibrated, MuscleModel};
-use crate::error::BadInput;
+use crate::error::{BadInput, significant};
 use crate::identify::gap;
 use crate::identify::inputs::above_vacuum;
 use crate::identify::simulate::{simulate, simulated};
@@ -411,8 +411,8 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
             format!(
                 "{signal}: the fitted rig predicts the validation records worse than the nominal \
                  one, by {} in place of {} root mean square",
-                gap::significant(gap.after),
-                gap::significant(gap.before)
+                significant(gap.after),
+                significant(gap.before)
             )
         })
         .collect();
@@ -437,7 +437,7 @@ fn nominal_of(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitte
     } else {
         model.refined(&taken.fit.nominal, &taken.fit.effects)
     };
-    model.with_static_friction_above_coulomb(nominal)
+    model.readable(nominal)
 }
 
 fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {

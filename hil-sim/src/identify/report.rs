@@ -1,7 +1,8 @@
 //! The diagnosis as a person reads it.
 
 use super::diagnosis::{Diagnosis, GapOf, Hypothesis, Named};
-use crate::identify::gap::{SIGNALS, Signal, significant};
+use crate::error::significant;
+use crate::identify::gap::{SIGNALS, Signal};
 use crate::record::Record;
 use crate::report::{Axis, Marker, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
