@@ -31,6 +31,9 @@ const JUDGED: [usize; MEMBERS + 1] = [1, 12, 12, 8];
 const JUDGED_FORMS: usize = 2;
 /// What is so many nats less probable than the most probable set does not matter: a thousandth.
 const MATTERS: f64 = 7.0;
+/// Share of its cost by which a fit is worse than another for certain: more than fits to begin with
+/// are off.
+const ASTRAY: f64 = 0.02;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
 /// Promised gain, beside that of its parameters, for which a second effect is tried.
@@ -222,7 +225,10 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             let names = self.names(candidates);
             let is_twice = (1..names.len()).any(|place| names[..place].contains(&names[place]));
             let is_new = !forms.contains_key(&names);
-            if is_twice || is_new && forms.len() == JUDGED[members] {
+            if is_twice
+                || self.is_astray(&own.hypothesis)
+                || is_new && forms.len() == JUDGED[members]
+            {
                 continue;
             }
             let count = forms.entry(names).or_default();
@@ -242,6 +248,17 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         for (place, judgements) in chosen.into_iter().zip(judgements) {
             self.tried[place].judgements = Some(judgements);
         }
+    }
+
+    /// Whether a set fits worse than without one of its effects, which is in reach of most effects: its
+    /// fit has ended in another valley.
+    fn is_astray(&self, of: &Hypothesis) -> bool {
+        let smaller = self.tried.iter().map(|own| &own.hypothesis).filter(|own| {
+            own.candidates.len() < of.candidates.len()
+                && own.candidates.iter().all(|c| of.candidates.contains(c))
+        });
+        let least = smaller.map(|own| own.fit.fitted()).reduce(f64::min);
+        least.is_some_and(|least| of.fit.fitted() > least * (1.0 + ASTRAY))
     }
 
     /// Expands the evidence of what may be as probable as the most probable set about its own mode,
