@@ -24,7 +24,10 @@ fn main() {
         if name == "lib" || text.contains("std::thread") {
             continue;
         }
-        let (text, table) = match text.split_once("#[cfg(test)]\nmod tests {\n") {
+        let tests = "#[cfg(test)]\nmod tests {\n";
+        // Tests whose helpers those of another module use.
+        let text = text.replace("#[cfg(test)]\npub(crate) mod tests {\n", tests);
+        let (text, table) = match text.split_once(tests) {
             Some((code, tests)) => {
                 let code = format!("{code}\npub(crate) mod tests {{");
                 (with_table(&name, &code, tests), format!("{name}::tests"))

@@ -476,11 +476,12 @@ impl<M: Model> Engine<'_, M> {
                     left,
                 });
             }
-            let beyond_tolerance = nominal
-                .iter()
-                .zip(found.x.iter())
-                .map(|(column, x)| column * (x - x.clamp(-TOLERATED, TOLERATED)));
-            excess.push(beyond_tolerance.sum::<DVector<f64>>().norm());
+            let mut beyond_tolerance =
+                DVector::zeros(rows.base.iter().filter(|b| **b > 0.0).count());
+            for (column, x) in nominal.iter().zip(found.x.iter()) {
+                beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
+            }
+            excess.push(beyond_tolerance.norm());
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
