@@ -29,6 +29,8 @@ fn main() {
         let text = text.replace("#[cfg(test)]\npub(crate) mod tests {\n", tests);
         let (text, table) = match text.split_once(tests) {
             Some((code, tests)) => {
+                // What only tests use.
+                let code = code.replace("#[cfg(test)]", "");
                 let code = format!("{code}\npub(crate) mod tests {{");
                 (with_table(&name, &code, tests), format!("{name}::tests"))
             }

@@ -275,56 +275,27 @@ pub fn leak_down(
     };
     clock.lap("effects");
     let taken = leak.as_ref().unwrap_or(&selection.null);
-    let effects: Vec<Named> = leak
-        .iter()
-        .filter_map(|leak| {
-            let parameters = [time_constant(&engine, leak, verdict)];
-            let kind = Catalogue::standard().find(LEAK)?;
-            Some(Named {
-                name: LEAK,
-                form: EXPONENTIAL,
-                place: GAS,
-                parameters: parameters.into(),
-                shape: None,
-                probability: leaks,
-                alternatives: Vec::new(),
-                evidence: Evidence {
-                    gain_nats: selection.gain_nats(LEAK),
-                    signature: kind.signature,
-                    source: "Laminar leak of a constant volume at constant temperature.",
-                    leaves_out: "heat of the gas, chambers that shrink",
-                },
-            })
-        })
-        .collect();
+    let effects = leak.iter().filter_map(|leak| {
+        let time_constant = time_constant(&engine, leak, verdict);
+        named(time_constant, leaks, selection.gain_nats(LEAK))
+    });
+    let effects = effects.collect();
     let free_runs = free_runs(&model, validate, taken);
     let blocks = blocks(&model, &selection.null, taken);
     let diagnosis = Diagnosis {
         schema: 2,
         verdict,
-        next_experiment: match verdict {
-            Verdict::Consistent => {
-                "None: the chamber is tight as far as these records tell. A \
-                                    longer one tells smaller leaks."
-            }
-            Verdict::Explained => {
-                "None: the decay is an exponential. A longer record narrows its \
-                                   time constant."
-            }
-            Verdict::Partial | Verdict::Unexplained => {
-                "Wait after filling until the air has the room's temperature, at a constant \
-                 length, and begin at two pressures: a leak falls with the pressure, heat does not."
-            }
-        }
-        .into(),
+        next_experiment: next_experiment(verdict).into(),
         warnings: other_decays(&model, verdict),
         effects,
         gap: gaps(&model, validate, &free_runs),
         remaining: Remaining {
             places: is_left.then_some(GAS).into_iter().collect(),
-            when: is_left
-                .then(|| when(&blocks[0].profiles[1]))
-                .unwrap_or_default(),
+            when: if is_left {
+                when(&blocks[0].profiles[1])
+            } else {
+                String::new()
+            },
         },
         calibrated: Vec::new(),
         blocks,
@@ -335,6 +306,45 @@ pub fn leak_down(
         stages: clock.stages,
     };
     Ok((diagnosis, free_runs))
+}
+
+/// What would tell more.
+fn next_experiment(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Consistent => {
+            "None: the chamber is tight as far as these records tell. A longer one tells smaller \
+             leaks."
+        }
+        Verdict::Explained => {
+            "None: the decay is an exponential. A longer record narrows its time constant."
+        }
+        Verdict::Partial | Verdict::Unexplained => {
+            "Wait after filling until the air has the room's temperature, at a constant length, and \
+             begin at two pressures: a leak falls with the pressure, heat does not."
+        }
+    }
+}
+
+fn named(
+    time_constant: (&'static str, Estimate),
+    probability: f64,
+    gain_nats: Option<f64>,
+) -> Option<Named> {
+    Some(Named {
+        name: LEAK,
+        form: EXPONENTIAL,
+        place: GAS,
+        parameters: [time_constant].into(),
+        shape: None,
+        probability,
+        alternatives: Vec::new(),
+        evidence: Evidence {
+            gain_nats,
+            signature: Catalogue::standard().find(LEAK)?.signature,
+            source: "Laminar leak of a constant volume at constant temperature.",
+            leaves_out: "heat of the gas, chambers that shrink",
+        },
+    })
 }
 
 /// The time constant of a leak, and its key. Its interval is that of the fit together with that

@@ -485,21 +485,25 @@ impl<M: Model> Engine<'_, M> {
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
-        let nominal_blocks = free.iter().map(|nominal| {
-            let acts = &self.model.nominal_blocks()[*nominal];
-            let own = blocks.iter().enumerate();
-            own.filter(|(_, block)| acts.contains(block))
-                .fold(0, |mask, (place, _)| mask | (1 << place))
-        });
-        let nominal_blocks = nominal_blocks.collect();
         Some(Expansion {
             values: found.x.len(),
-            linear: Linear::new(linear, priors, nominal_blocks),
+            linear: Linear::new(linear, priors, self.places_of(&free, blocks)),
             hypothesis,
             shown,
             excess,
             along,
         })
+    }
+
+    /// Of each nominal value the places of the blocks among `blocks` on which it acts.
+    fn places_of(&self, nominals: &[usize], blocks: &[usize]) -> Vec<Blocks> {
+        let of = |nominal: &usize| {
+            let acts = &self.model.nominal_blocks()[*nominal];
+            let own = blocks.iter().enumerate();
+            own.filter(|(_, block)| acts.contains(block))
+                .fold(0, |mask, (place, _)| mask | (1 << place))
+        };
+        nominals.iter().map(of).collect()
     }
 
     /// The rows of `block` among the residuals of `blocks` over all records, each with those that
