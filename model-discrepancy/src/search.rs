@@ -250,8 +250,8 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         }
     }
 
-    /// Whether a set fits worse than without one of its effects, which is in reach of most effects: its
-    /// fit has ended in another valley.
+    /// Whether a set fits worse than without one of its effects, which is in reach of most effects:
+    /// its fit has ended in another valley.
     fn is_astray(&self, of: &Hypothesis) -> bool {
         let smaller = self.tried.iter().map(|own| &own.hypothesis).filter(|own| {
             own.candidates.len() < of.candidates.len()

@@ -52,8 +52,8 @@ fn the_error_of_eq_1_on_a_real_muscle_is_that_of_the_readme() {
     }
 }
 
-/// Time and pressure of a file's rows, behind the moment at which the valve was shut, if it says so:
-/// there the clock begins again.
+/// Time and pressure of a file's rows, behind the moment at which the valve was shut, if it says
+/// so: there the clock begins again.
 fn shut(path: &Path) -> Record {
     let text = std::fs::read_to_string(path).expect("a file");
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());

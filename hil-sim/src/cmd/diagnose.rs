@@ -192,7 +192,8 @@ fn watched<T: Send>(
     Ok(pool.install(|| diagnose(&watch))?)
 }
 
-/// Writes the results, of which the report shows `validate` beside their free runs, and prints them.
+/// Writes the results, of which the report shows `validate` beside their free runs, and prints
+/// them.
 fn write(
     args: &Args,
     diagnosis: &Diagnosis,

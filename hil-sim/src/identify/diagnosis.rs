@@ -61,8 +61,8 @@ pub struct Named {
     pub place: &'static str,
     /// Its parameters.
     pub parameters: BTreeMap<&'static str, Estimate>,
-    /// How large it is over a quantity, in the size that its parameters say; none where its name says
-    /// its form.
+    /// How large it is over a quantity, in the size that its parameters say; none where its name
+    /// says its form.
     pub shape: Option<Shape>,
     /// Probability that it, or one of its alternatives, is present.
     pub probability: f64,

@@ -1,7 +1,7 @@
 //! A leak-down: what the pressure of a closed chamber tells without a rig.
 //!
-//! A chamber of constant volume and temperature whose leak is laminar loses air in proportion to its
-//! gauge pressure p: p(t) = p₀ exp(−t/τ), τ = V/(RθC) with the leak's conductance C.
+//! A chamber of constant volume and temperature whose leak is laminar loses air in proportion to
+//! its gauge pressure p: p(t) = p₀ exp(−t/τ), τ = V/(RθC) with the leak's conductance C.
 
 use super::diagnosis::{
     Clock, Diagnosis, Estimate, Evidence, GapOf, Named, Options, Remaining, blocks, hypotheses,
@@ -31,7 +31,8 @@ const ZERO: f64 = 5e-3;
 /// Share of its pressure by which a sound chamber may be off: by 0.3 K of the room, at constant
 /// volume.
 const ROOM: f64 = 1e-3;
-/// Noise of a sensor whose readings repeat exactly, and least pressure that is told from none \[Pa\].
+/// Noise of a sensor whose readings repeat exactly, and least pressure that is told from none
+/// \[Pa\].
 const LEAST_NOISE_PA: f64 = 1.0;
 const LEAST_PA: f64 = 1.0;
 /// Time constants that are looked for \[s\].
@@ -243,8 +244,8 @@ impl Model for Chamber {
 }
 
 /// Diagnoses a closed chamber from records of its pressure to `fit`, judged by records to
-/// `validate`, if there are some, each of which is returned without a leak and with the one that was
-/// found; `watch` is told what is being done.
+/// `validate`, if there are some, each of which is returned without a leak and with the one that
+/// was found; `watch` is told what is being done.
 ///
 /// # Errors
 /// A record that is no leak-down.
@@ -319,8 +320,8 @@ fn next_experiment(verdict: Verdict) -> &'static str {
             "None: the decay is an exponential. A longer record narrows its time constant."
         }
         Verdict::Partial | Verdict::Unexplained => {
-            "Wait after filling until the air has the room's temperature, at a constant length, and \
-             begin at two pressures: a leak falls with the pressure, heat does not."
+            "Wait after filling until the air has the room's temperature, at a constant length, \
+             and begin at two pressures: a leak falls with the pressure, heat does not."
         }
     }
 }
@@ -348,8 +349,8 @@ fn named(
 }
 
 /// The time constant of a leak, and its key. Its interval is that of the fit together with that
-/// beside what is left in time, and with the time constants of parts of the records if the decay is no
-/// exponential.
+/// beside what is left in time, and with the time constants of parts of the records if the decay is
+/// no exponential.
 fn time_constant(
     engine: &Engine<Chamber>,
     leak: &Hypothesis,

@@ -454,7 +454,8 @@ fn missing(diagnosis: &Diagnosis) -> Section {
     section
 }
 
-/// The report of a diagnosis with the free runs of the records to `validate`; `rig_toml` is the fitted rig's file, if there is a rig.
+/// The report of a diagnosis with the free runs of the records to `validate`; `rig_toml` is the
+/// fitted rig's file, if there is a rig.
 pub fn report(
     diagnosis: &Diagnosis,
     validate: &[Record],

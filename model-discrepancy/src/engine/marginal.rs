@@ -263,8 +263,8 @@ impl<M: Model> Engine<'_, M> {
         Some(nominal)
     }
 
-    /// The shapes of the candidates of `hypothesis` over the quantities beside the residuals, about the
-    /// mode of the evidence; none where a candidate's name says its form.
+    /// The shapes of the candidates of `hypothesis` over the quantities beside the residuals, about
+    /// the mode of the evidence; none where a candidate's name says its form.
     pub fn shapes(&self, hypothesis: &Hypothesis) -> Vec<Option<Shape>> {
         let groups = self.groups(&hypothesis.candidates);
         let modes = groups.iter().filter_map(|(blocks, candidates)| {
@@ -291,8 +291,8 @@ impl<M: Model> Engine<'_, M> {
         hypothesis.candidates.iter().map(of).collect()
     }
 
-    /// 95 % intervals of the parameters of the candidates of `hypothesis` beside an unknown in every
-    /// block, about the mode of that.
+    /// 95 % intervals of the parameters of the candidates of `hypothesis` beside an unknown in
+    /// every block, about the mode of that.
     pub fn intervals_beside_unknown(&self, hypothesis: &Hypothesis) -> Option<Vec<Vec<[f64; 2]>>> {
         let all = self.model.candidates();
         let mut intervals = vec![Vec::new(); hypothesis.candidates.len()];
@@ -380,8 +380,8 @@ impl<M: Model> Engine<'_, M> {
     }
 
     /// The evidence beside `unknown`, about its mode if it may reach `floor` there: where what is
-    /// unknown explains much, the most probable values are not those of the fit, which knows nothing
-    /// but noise, and the residuals are not linear from there to here.
+    /// unknown explains much, the most probable values are not those of the fit, which knows
+    /// nothing but noise, and the residuals are not linear from there to here.
     fn mode(&self, fit: &Expansion, group: Group, unknown: Unknown, floor: f64) -> Option<Mode> {
         let mut moved: Option<Expansion> = None;
         let mut weights = DVector::zeros(fit.linear.weights());
@@ -424,7 +424,8 @@ impl<M: Model> Engine<'_, M> {
         })
     }
 
-    /// The residuals of a group linear about `hypothesis`, and what the candidates do in its blocks.
+    /// The residuals of a group linear about `hypothesis`, and what the candidates do in its
+    /// blocks.
     fn expansion(&self, hypothesis: Hypothesis, (blocks, candidates): Group) -> Option<Expansion> {
         let free = self.free(blocks);
         let x = self.coordinates(&hypothesis, &free, candidates);
@@ -790,8 +791,8 @@ mod tests {
         }
     }
 
-    /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a fit
-    /// by noise alone takes for a wrong nominal value.
+    /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a
+    /// fit by noise alone takes for a wrong nominal value.
     fn disturbed(row: usize, nominal: &[f64], _: &[Active]) -> f64 {
         let phase = row as f64 / 30.0;
         let value = nominal[0] * (1.0 + 0.1 * phase.cos());

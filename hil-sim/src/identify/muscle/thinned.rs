@@ -195,7 +195,8 @@ mod tests {
         assert_eq!(thin.shut(), later.collect::<Vec<_>>());
     }
 
-    /// At 500 Hz a reference that moves on all the time has a row every 8 ms, and the same integral.
+    /// At 500 Hz a reference that moves on all the time has a row every 8 ms, and the same
+    /// integral.
     #[test]
     fn a_reference_that_moves_on_is_held_at_its_mean() {
         let time_s: Vec<f64> = (0..4000).map(|row| 2e-3 * f64::from(row)).collect();
