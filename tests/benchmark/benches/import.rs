@@ -27,10 +27,13 @@ column = 2
 unit = \"N\"
 ";
 
+/// The line of a row.
+type Row = fn(u32) -> String;
+
 fn main() {
     let quick = std::env::args().any(|argument| argument == "--quick");
     let repeats = if quick { 1 } else { 5 };
-    let shapes: [(&str, &str, fn(u32) -> String); 3] = [
+    let shapes: [(&str, &str, Row); 3] = [
         ("single digits", AT_A_RATE, |_| "1\n".into()),
         ("long decimals", WITH_TIMES, |row| {
             let (seconds, hundredths) = (row / 100, row % 100);
