@@ -16,7 +16,6 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::Instant;
 
 const PLAIN_5: &[u8] = include_bytes!("import/plain5.mat");
 const PACKED_5: &[u8] = include_bytes!("import/packed5.mat");
@@ -455,7 +454,7 @@ const ONE_DIMENSION: &[u8] = include_bytes!("import/one_dimension.h5");
 
 #[test]
 fn small_files_cannot_cost_much() {
-    let begin = Instant::now();
+    // Without the limits, gigabytes are allocated and written.
     for (file, says) in [
         (
             &packed_zeros()[..],
@@ -470,8 +469,6 @@ fn small_files_cannot_cost_much() {
         let error = refused(MATLAB, file);
         assert!(error.contains(says), "{error}");
     }
-    // Without the limits, gigabytes are allocated and written.
-    assert!(begin.elapsed().as_secs_f64() < 30.0);
 }
 
 const LINKS: &[u8] = include_bytes!("import/links.h5");
@@ -479,8 +476,8 @@ const BOMB: &[u8] = include_bytes!("import/bomb.h5");
 
 /// Imports the file `name` of `folder` by the command: what it says on stderr. A small file takes
 /// 2 s of processor time at most, with the process that reads it, and a larger one 0.3 s for each
-/// MB: three times what rows of one digit take, as work beside it on the same core slows it down by
-/// two. The system limits the memory of that process.
+/// MB, as work beside it on the same core slows it down by two. The system limits the memory of that
+/// process.
 fn cheap(folder: &Path, name: &str, map: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)

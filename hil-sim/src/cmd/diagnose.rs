@@ -154,8 +154,8 @@ fn options(args: &Args) -> Options {
     }
 }
 
-/// What other commands say of the fitted rig if they refuse it: two values, each within its
-/// tolerance, may contradict each other.
+/// What other commands say of the fitted rig if they refuse it, as where digits that are left out
+/// take a value past another.
 fn refused(fitted: &str) -> Option<String> {
     let refused = Rig::parse("rig.fitted.toml", fitted).err()?;
     Some(format!(

@@ -98,11 +98,12 @@ fn moved_by(tolerance: &Tolerance, deviations: f64) -> f64 {
     (1.0 + tolerance.relative_sigma * deviations).max(LEAST_SHARE)
 }
 
-/// Keys of values, and what they must keep above 0 together.
-type Together = (&'static [&'static str], fn(&Rig) -> Vec<f64>);
-/// Values of the muscle that may each be within their range and together be no muscle: its pull at
-/// rest, its volumes.
-const TOGETHER: [Together; 2] = [
+/// What is above 0 of a muscle.
+type Positive = fn(&Rig) -> Vec<f64>;
+
+/// Values of the muscle that may each be within their range and together be no muscle, and what
+/// they must keep above 0: its pull at rest, its volumes.
+const TOGETHER: [(&[&str], Positive); 2] = [
     (&["alpha_m2", "beta_m2"], |rig| {
         vec![rig.nominal.muscle.alpha_m2 + rig.nominal.muscle.beta_m2]
     }),

@@ -27,24 +27,23 @@ column = 2
 unit = \"N\"
 ";
 
+/// The line of a row.
+type Row = fn(u32) -> String;
+
 fn main() {
     let quick = std::env::args().any(|argument| argument == "--quick");
     let repeats = if quick { 1 } else { 5 };
-    let digits = |_| "1\n".into();
-    let decimals = |row| {
-        let (seconds, hundredths) = (row / 100, row % 100);
-        format!("{seconds}.{hundredths:02},{}.123456789012\n", row % 1000)
-    };
-    let wide = |_| format!("1{}\n", ",1".repeat(99));
-    for (what, map, row) in [
-        (
-            "single digits",
-            AT_A_RATE,
-            &digits as &dyn Fn(u32) -> String,
-        ),
-        ("long decimals", WITH_TIMES, &decimals),
-        ("a hundred columns", AT_A_RATE, &wide),
-    ] {
+    let shapes: [(&str, &str, Row); 3] = [
+        ("single digits", AT_A_RATE, |_| "1\n".into()),
+        ("long decimals", WITH_TIMES, |row| {
+            let (seconds, hundredths) = (row / 100, row % 100);
+            format!("{seconds}.{hundredths:02},{}.123456789012\n", row % 1000)
+        }),
+        ("a hundred columns", AT_A_RATE, |_| {
+            format!("1{}\n", ",1".repeat(99))
+        }),
+    ];
+    for (what, map, row) in shapes {
         let mut file = String::new();
         for number in 0.. {
             if file.len() >= FILE_BYTES {
