@@ -476,8 +476,8 @@ const BOMB: &[u8] = include_bytes!("import/bomb.h5");
 
 /// Imports the file `name` of `folder` by the command: what it says on stderr. A small file takes
 /// 2 s of processor time at most, with the process that reads it, and a larger one 0.3 s for each
-/// MB, as work beside it on the same core slows it down by two. The system limits the memory of that
-/// process.
+/// MB, as work beside it on the same core slows it down by two. The system limits the memory of
+/// that process.
 fn cheap(folder: &Path, name: &str, map: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)
