@@ -260,7 +260,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let more = probability(&posterior, |set| {
         set.unknown != 0 || !set.effects.iter().all(is_certain)
     });
-    let is_more = more >= PROBABLE || !predicts(&null, &named);
+    let is_more = more >= PROBABLE || !predicts(engine.model, &null, &named);
     let verdict = match (named.candidates.is_empty(), is_more) {
         (true, false) => Verdict::Consistent,
         (true, true) => Verdict::Unexplained,
@@ -303,15 +303,22 @@ fn sorted_names(certain: &[(&'static str, Vec<&'static str>, f64)]) -> Vec<&'sta
     names
 }
 
-/// By how much the records that were not fitted are missed beyond their noise, and the standard
-/// deviation of that if there is nothing but noise (of half a chi-squared).
-fn excess(fitted: &Hypothesis) -> (f64, f64) {
-    let predicted = fitted.fit.parts.iter().map(|part| part.predicted);
-    predicted.fold((0.0, 0.0_f64), |(sum, deviation), tally| {
-        let count = tally.count as f64;
+/// By how much the records that were not fitted are missed beyond their noise and what a sound rig
+/// leaves, and the standard deviation of that if there is nothing but these (of half a
+/// chi-squared).
+fn excess<M: Model>(model: &M, fitted: &Hypothesis) -> (f64, f64) {
+    let parts = fitted.fit.parts.iter();
+    parts.fold((0.0, 0.0_f64), |(sum, deviation), part| {
+        let records = model.fitted()..model.records();
+        let bases = records.flat_map(|record| model.timeline(record, part.block).base);
+        let (squares, rows) = bases.fold((0.0, 0.0_f64), |(squares, rows), base| {
+            (squares + base * base, rows + 1.0)
+        });
+        let variance = 1.0 + squares / rows.max(1.0);
+        let count = part.predicted.count as f64;
         (
-            sum + (tally.outside - 0.5 * count).max(0.0),
-            deviation.hypot((0.5 * count).sqrt()),
+            sum + (part.predicted.outside - 0.5 * count * variance).max(0.0),
+            deviation.hypot((0.5 * count).sqrt() * variance),
         )
     })
 }
@@ -327,8 +334,8 @@ fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
 /// Whether what is named predicts the records that were not fitted: it removes half of what is
 /// missed there without it, if that is more than noise. Laws that explain all records, but with
 /// other values in each, do not.
-fn predicts(null: &Hypothesis, named: &Hypothesis) -> bool {
-    let ((before, deviation), (after, _)) = (excess(null), excess(named));
+fn predicts<M: Model>(model: &M, null: &Hypothesis, named: &Hypothesis) -> bool {
+    let ((before, deviation), (after, _)) = (excess(model, null), excess(model, named));
     named.candidates.is_empty() || before < NOISE * deviation || after < 0.5 * before
 }
 

@@ -398,8 +398,7 @@ fn report() -> &'static Report {
         let (diagnosed, validate, fitted) = diagnosed();
         let diagnosis = diagnosis_report(
             &diagnosed.diagnosis,
-            &validate,
-            &diagnosed.free_runs,
+            ("Validation record", &validate, &diagnosed.free_runs),
             Some(&fitted),
         );
         assert!(

@@ -63,6 +63,9 @@ pub struct Args {
     json: bool,
 }
 
+/// What records to validate with are called in the report.
+const VALIDATION: &str = "Validation record";
+
 fn cost(text: &str) -> Result<f64, String> {
     let cost: f64 = text.parse().map_err(|_| "expected a number above 0")?;
     if cost > 0.0 && cost.is_finite() {
@@ -197,12 +200,12 @@ fn watched<T: Send>(
 fn write(
     args: &Args,
     diagnosis: &Diagnosis,
-    (validate, free_runs): (&[Record], &[[Record; 2]]),
+    shown: (&str, &[Record], &[[Record; 2]]),
     rig_toml: Option<&str>,
 ) -> Result<(), Failure> {
     let json = serde_json::to_string_pretty(diagnosis)
         .map_err(|error| BadInput::file("diagnosis.json", error.to_string()))?;
-    let mut report = report::report(diagnosis, validate, free_runs, rig_toml);
+    let mut report = report::report(diagnosis, shown, rig_toml);
     report.repeat = vec![super::this_command()];
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
     if let Some(toml) = rig_toml {
@@ -237,7 +240,12 @@ fn of_chamber(args: &Args) -> Result<(), Failure> {
     let (diagnosis, free_runs) = watched(args, |watch| {
         leak_down(&fit, &validate, &options(args), watch)
     })?;
-    write(args, &diagnosis, (&validate, &free_runs), None)
+    let shown = if validate.is_empty() {
+        ("Record", &fit[..])
+    } else {
+        (VALIDATION, &validate[..])
+    };
+    write(args, &diagnosis, (shown.0, shown.1, &free_runs), None)
 }
 
 fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
@@ -270,8 +278,8 @@ fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
         .and_then(|rewritten| provenance.around(&rewritten))
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     diagnosed.diagnosis.warnings.extend(refused(&rewritten));
-    let runs = (&validate[..], &diagnosed.free_runs[..]);
-    write(args, &diagnosed.diagnosis, runs, Some(&rewritten))
+    let shown = (VALIDATION, &validate[..], &diagnosed.free_runs[..]);
+    write(args, &diagnosed.diagnosis, shown, Some(&rewritten))
 }
 
 #[cfg(test)]

@@ -244,8 +244,8 @@ impl Model for Chamber {
 }
 
 /// Diagnoses a closed chamber from records of its pressure to `fit`, judged by records to
-/// `validate`, if there are some, each of which is returned without a leak and with the one that
-/// was found; `watch` is told what is being done.
+/// `validate`, if there are some; `watch` is told what is being done. Beside the diagnosis these
+/// records, or without any those to fit, without a leak and with the one that was found.
 ///
 /// # Errors
 /// A record that is no leak-down.
@@ -281,7 +281,8 @@ pub fn leak_down(
         named(time_constant, leaks, selection.gain_nats(LEAK))
     });
     let effects = effects.collect();
-    let free_runs = free_runs(&model, validate, taken);
+    let shown = if validate.is_empty() { fit } else { validate };
+    let free_runs = free_runs(&model, shown, taken);
     let blocks = blocks(&model, &selection.null, taken);
     let diagnosis = Diagnosis {
         schema: 2,
@@ -374,10 +375,10 @@ fn time_constant(
     (parameter.name, Estimate { value, ci95, unit })
 }
 
-/// Each record to validate with, without a leak and with the one that was found, from what was
-/// measured at its beginning.
-fn free_runs(model: &Chamber, validate: &[Record], taken: &Hypothesis) -> Vec<[Record; 2]> {
-    let decays = model.decays[model.fitted..].iter();
+/// Each of the last records, without a leak and with the one that was found, from what was measured
+/// at its beginning.
+fn free_runs(model: &Chamber, last: &[Record], taken: &Hypothesis) -> Vec<[Record; 2]> {
+    let decays = model.decays[model.decays.len() - last.len()..].iter();
     let run = |(record, decay): (&Record, &Decay)| {
         let begin_s = decay.time_s[0];
         let first = decay.time_s.iter().take_while(|s| **s <= begin_s + 1.0);
@@ -393,7 +394,7 @@ fn free_runs(model: &Chamber, validate: &[Record], taken: &Hypothesis) -> Vec<[R
             run
         })
     };
-    validate.iter().zip(decays).map(run).collect()
+    last.iter().zip(decays).map(run).collect()
 }
 
 fn gaps(

@@ -227,12 +227,12 @@ fn gap_table(diagnosis: &Diagnosis) -> Table {
     }
 }
 
-/// Each signal of a validation record, measured and as both rigs run freely.
+/// Each signal of a record, measured and as both rigs run freely.
 fn over_time(
     diagnosis: &Diagnosis,
     measured: &Record,
     runs: &[Record; 2],
-    number: usize,
+    record: &str,
 ) -> Vec<Plot> {
     let time_s = measured.time_s();
     let plot = |signal: &Signal| {
@@ -251,7 +251,7 @@ fn over_time(
             y: Axis::new(label, unit, factor),
             series,
             markers: Vec::new(),
-            sync: Some(format!("validation {number}")),
+            sync: Some(record.into()),
         };
         let noise = diagnosis.gap_of(name).map_or(0.0, |gap| gap.noise);
         let gap = |name: &str, role: Role, is: &[f64]| {
@@ -277,7 +277,7 @@ fn over_time(
             gap("fitted rig", Role::Fitted, fitted),
         ];
         Some([
-            plot(format!("Validation record {number}: {label}"), lines),
+            plot(format!("{record}: {label}"), lines),
             plot(format!("Its gap in {label}, simulated − measured"), gaps),
         ])
     };
@@ -454,12 +454,11 @@ fn missing(diagnosis: &Diagnosis) -> Section {
     section
 }
 
-/// The report of a diagnosis with the free runs of the records to `validate`; `rig_toml` is the
+/// The report of a diagnosis with records, of this name, and their free runs; `rig_toml` is the
 /// fitted rig's file, if there is a rig.
 pub fn report(
     diagnosis: &Diagnosis,
-    validate: &[Record],
-    free_runs: &[[Record; 2]],
+    (name, records, free_runs): (&str, &[Record], &[[Record; 2]]),
     rig_toml: Option<&str>,
 ) -> Report {
     let mut gap = Section {
@@ -467,9 +466,9 @@ pub fn report(
         tables: vec![gap_table(diagnosis)],
         ..Section::default()
     };
-    for (number, (record, runs)) in validate.iter().zip(free_runs).enumerate() {
-        gap.plots
-            .extend(over_time(diagnosis, record, runs, number + 1));
+    for (number, (record, runs)) in records.iter().zip(free_runs).enumerate() {
+        let name = format!("{name} {}", number + 1);
+        gap.plots.extend(over_time(diagnosis, record, runs, &name));
     }
     let mut where_it_lives = Section {
         heading: "Where the residual lives".into(),
