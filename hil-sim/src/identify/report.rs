@@ -463,9 +463,11 @@ pub fn report(
 ) -> Report {
     let mut gap = Section {
         heading: "The gap".into(),
-        tables: vec![gap_table(diagnosis)],
         ..Section::default()
     };
+    if !diagnosis.gap.is_empty() {
+        gap.tables.push(gap_table(diagnosis));
+    }
     for (number, (record, runs)) in records.iter().zip(free_runs).enumerate() {
         let name = format!("{name} {}", number + 1);
         gap.plots.extend(over_time(diagnosis, record, runs, &name));
