@@ -317,7 +317,8 @@ pub fn diagnose(
     clock.lap("intervals");
     let free_run = |record: &Record| {
         let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
-        Ok([nominal?, fitted?])
+        // The record is none the worse for it.
+        Ok([nominal?, fitted.map_err(|_| rig.bad_file(&astray(record)))?])
     };
     let free_runs = validate
         .par_iter()
@@ -361,6 +362,15 @@ pub fn diagnose(
         fitted,
         free_runs,
     })
+}
+
+/// What is expected of a rig of which calibrated values are no plant that can follow `record`.
+fn astray(record: &Record) -> String {
+    format!(
+        "tolerances within which the plant can follow {}, found calibrated values with which it \
+         cannot; smaller ones keep them from there",
+        record.file()
+    )
 }
 
 /// The posterior, without what hardly anything speaks for.
