@@ -262,7 +262,7 @@ impl Fit {
     }
 
     /// Cost of what was fitted, priors included, as it is minimized.
-    pub(crate) fn fitted(&self) -> f64 {
+    fn fitted(&self) -> f64 {
         let parts = self.parts.iter().map(|part| part.fitted.outside);
         self.prior + parts.sum::<f64>()
     }

@@ -387,11 +387,10 @@ impl<M: Model> Engine<'_, M> {
         let mut weights = DVector::zeros(fit.linear.weights());
         let mut evidence = fit.linear.evidence(unknown)?;
         let mut missing = 0.0;
-        for _ in 0..EXPANSIONS {
+        for expansions in 0..=EXPANSIONS {
             let about = moved.as_ref().unwrap_or(fit);
             let density = about.linear.log_density(unknown, &weights);
             let promised = about.linear.log_density(unknown, &evidence.weights) - density;
-            missing = 0.0;
             if promised < PROMISED {
                 break;
             }
@@ -406,7 +405,9 @@ impl<M: Model> Engine<'_, M> {
                 there.rows_mut(0, about.values).fill(0.0);
                 (next.linear.log_density(unknown, &there) > density).then_some((next, there))
             });
-            let Some((next, there)) = better else {
+            let Some((next, there)) = better.filter(|_| expansions < EXPANSIONS) else {
+                // What no step redeems is not there.
+                evidence.log -= promised;
                 break;
             };
             evidence = next.linear.evidence(unknown)?;
@@ -482,7 +483,13 @@ impl<M: Model> Engine<'_, M> {
             for (column, x) in nominal.iter().zip(found.x.iter()) {
                 beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
             }
-            excess.push(beyond_tolerance.norm());
+            // Alone, a block has nothing else that holds its values.
+            let is_alone = self.model.blocks().len() == 1;
+            excess.push(if is_alone {
+                0.0
+            } else {
+                beyond_tolerance.norm()
+            });
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
