@@ -370,7 +370,9 @@ impl<M: Model> Engine<'_, M> {
                 },
                 standing: match outside {
                     Some(own) if own.evidence.log > process.evidence.log => {
-                        own.standing(|place| own.excess[place])
+                        // Alone, a block has nothing else that holds its values.
+                        let is_alone = self.model.blocks().len() == 1;
+                        own.standing(|place| if is_alone { 0.0 } else { own.excess[place] })
                     }
                     _ => process.standing(of_process),
                 },
@@ -483,13 +485,7 @@ impl<M: Model> Engine<'_, M> {
             for (column, x) in nominal.iter().zip(found.x.iter()) {
                 beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
             }
-            // Alone, a block has nothing else that holds its values.
-            let is_alone = self.model.blocks().len() == 1;
-            excess.push(if is_alone {
-                0.0
-            } else {
-                beyond_tolerance.norm()
-            });
+            excess.push(beyond_tolerance.norm());
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             linear.push((rows, values, errors.iter().sum()));
         }
