@@ -159,8 +159,10 @@ pub trait Model: Sync {
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
     /// How badly free runs of a record miss what no block's residuals show well, as a cost with
-    /// bounded influence; 0 where there is no such thing.
-    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;
+    /// bounded influence; by default there is no such thing.
+    fn free_run(&self, _record: usize, _nominal: &[f64], _effects: &[Active]) -> Option<f64> {
+        Some(0.0)
+    }
     /// Against what the residuals of a block over a record are looked at.
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
     /// When the residuals of a block over a record were measured, and how far they may be off in a

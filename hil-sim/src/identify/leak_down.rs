@@ -214,10 +214,6 @@ impl Model for Chamber {
         false
     }
 
-    fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-        Some(0.0)
-    }
-
     fn context(&self, record: usize, _: usize) -> Vec<Coordinate> {
         let decay = &self.decays[record];
         let coordinate = |name, unit, values: &[f64]| Coordinate {

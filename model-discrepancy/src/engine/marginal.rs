@@ -778,9 +778,6 @@ mod tests {
         fn proportional(&self, _: usize) -> bool {
             true
         }
-        fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-            Some(0.0)
-        }
         fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
             let coordinate = |name, unit, value: fn(usize) -> f64| Coordinate {
                 name,
