@@ -66,8 +66,10 @@ pub(crate) struct Evidence {
     pub(crate) log: f64,
     /// The most probable weights.
     pub(crate) weights: DVector<f64>,
-    /// Their standard deviations, with the most probable process.
-    pub(crate) deviations: DVector<f64>,
+    /// Beside what.
+    unknown: Unknown,
+    /// The most probable process of each block, by its place in the grid.
+    places: Vec<usize>,
     /// The amplitude of the most probable process of each block, in bases.
     pub(crate) amplitudes: Vec<f64>,
 }
@@ -127,12 +129,6 @@ impl Normal {
         let square =
             self.square - 2.0 * self.vector.dot(weights) + (&self.matrix * weights).dot(weights);
         -0.5 * square - self.half_log_determinant
-    }
-
-    /// Standard deviations of the weights.
-    fn deviations(&self) -> Option<DVector<f64>> {
-        let covariance = Cholesky::new(self.matrix.clone())?.inverse();
-        Some(covariance.diagonal().map(f64::sqrt))
     }
 
     /// Log evidence, but for the prior's normalization, and the most probable weights.
@@ -236,10 +232,19 @@ impl Linear {
         self.prior(unknown.outside).log_density(weights) + blocks.sum::<f64>()
     }
 
+    /// Standard deviations of the most probable weights, with the most probable process.
+    pub(crate) fn deviations(&self, evidence: &Evidence) -> Option<DVector<f64>> {
+        let mut normal = self.prior(evidence.unknown.outside);
+        for (block, place) in self.blocks.iter().zip(&evidence.places) {
+            normal.add(&block.whitened[*place]);
+        }
+        let covariance = Cholesky::new(normal.matrix)?.inverse();
+        Some(covariance.diagonal().map(f64::sqrt))
+    }
+
     /// The evidence beside an unknown.
     pub(crate) fn evidence(&self, unknown: Unknown) -> Option<Evidence> {
         let prior = self.prior(unknown.outside);
-        let unknown = unknown.processes;
         // Blocks of which nothing is explained yet must not pull weights that they share.
         let mut places = vec![grid().count() - 1; self.blocks.len()];
         let mut best = None;
@@ -252,12 +257,12 @@ impl Linear {
                 for (other, place) in places.iter().enumerate().filter(|(n, _)| *n != number) {
                     others.add(&self.blocks[other].whitened[*place]);
                     others.half_log_determinant -=
-                        self.blocks[other].log_prior(*place, unknown & (1 << other) != 0);
+                        self.blocks[other].log_prior(*place, unknown.processes & (1 << other) != 0);
                 }
                 let solved = |place: usize| {
                     let mut normal = others.clone();
                     normal.add(&block.whitened[place]);
-                    let prior = block.log_prior(place, unknown & (1 << number) != 0);
+                    let prior = block.log_prior(place, unknown.processes & (1 << number) != 0);
                     let (log, weights) = normal.solved()?;
                     Some((log + prior, place, weights))
                 };
@@ -277,16 +282,13 @@ impl Linear {
             }
         }
         let (log, weights) = best?;
-        let mut normal = prior;
-        for (block, place) in self.blocks.iter().zip(&places) {
-            normal.add(&block.whitened[*place]);
-        }
         let amplitudes = places.iter().filter_map(|place| grid().nth(*place));
         Some(Evidence {
             log,
             weights,
-            deviations: normal.deviations()?,
             amplitudes: amplitudes.map(|(amplitude, _)| amplitude).collect(),
+            unknown,
+            places,
         })
     }
 }

@@ -10,6 +10,7 @@ use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::rc::Rc;
 
 /// Standard deviation of how far a rig's law may be from its form's, with each quantity beside the
 /// residuals from its least to its largest value, and by acting in part at another scale.
@@ -63,7 +64,6 @@ impl Judgement {
 
 /// What a candidate does in a block that neither nominal values nor the others do, and what a sound
 /// rig and other laws of the others may leave there, in bases.
-#[derive(Clone)]
 struct Shown {
     candidate: usize,
     place: usize,
@@ -122,19 +122,20 @@ struct Mode {
     evidence: Evidence,
     /// See [`Judgement`].
     missing: f64,
-    shown: Vec<Shown>,
-    /// See [`Expansion`].
-    excess: Vec<f64>,
-    along: Vec<(usize, usize, Along)>,
-    hypothesis: Hypothesis,
+    about: Rc<Expansion>,
 }
 
 impl Mode {
+    /// Standard deviations of the weights.
+    fn deviations(&self) -> Option<DVector<f64>> {
+        self.about.linear.deviations(&self.evidence)
+    }
+
     /// The candidates that stand beside processes of these amplitudes in the blocks.
     fn standing(&self, amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
         let stands =
             |shown: &&Shown| shown.size > (STANDS * amplitude(shown.place)).max(1.0 + shown.left);
-        let standing = self.shown.iter().filter(stands);
+        let standing = self.about.shown.iter().filter(stands);
         standing.map(|shown| shown.candidate).collect()
     }
 }
@@ -252,12 +253,9 @@ impl<M: Model> Engine<'_, M> {
     pub fn nominal_beside_unknown(&self, null: &Hypothesis) -> Option<Vec<f64>> {
         let mut nominal = null.fit.nominal.clone();
         for (blocks, _) in self.groups(&[]) {
-            let group = (&blocks[..], &[][..]);
-            let fit = self.expansion(null.clone(), group)?;
-            let unknown = Unknown::process(Blocks::MAX);
-            let mode = self.mode(&fit, group, unknown, f64::NEG_INFINITY)?;
+            let mode = self.mode_of(null, (&blocks, &[]), Unknown::process(Blocks::MAX))?;
             for place in self.free(&blocks) {
-                nominal[place] = mode.hypothesis.fit.nominal[place];
+                nominal[place] = mode.about.hypothesis.fit.nominal[place];
             }
         }
         Some(nominal)
@@ -268,21 +266,16 @@ impl<M: Model> Engine<'_, M> {
     pub fn shapes(&self, hypothesis: &Hypothesis) -> Vec<Option<Shape>> {
         let groups = self.groups(&hypothesis.candidates);
         let modes = groups.iter().filter_map(|(blocks, candidates)| {
-            let group = (&blocks[..], &candidates[..]);
-            let fit = self.expansion(hypothesis.clone(), group)?;
-            self.mode(&fit, group, Unknown::process(0), f64::NEG_INFINITY)
+            let mode = self.mode_of(hypothesis, (blocks, candidates), Unknown::process(0))?;
+            let deviations = mode.deviations()?;
+            Some((mode, deviations))
         });
-        let modes: Vec<Mode> = modes.collect();
+        let modes: Vec<(Mode, DVector<f64>)> = modes.collect();
         let of = |candidate: &usize| {
-            let laws = modes.iter().flat_map(|mode| {
-                let own = mode.along.iter().filter(|own| own.0 == *candidate);
+            let laws = modes.iter().flat_map(|(mode, deviations)| {
+                let own = mode.about.along.iter().filter(|own| own.0 == *candidate);
                 own.map(|(_, place, along)| {
-                    let evidence = &mode.evidence;
-                    (
-                        evidence.weights[*place],
-                        evidence.deviations[*place],
-                        *along,
-                    )
+                    (mode.evidence.weights[*place], deviations[*place], *along)
                 })
             });
             let clearest = laws.max_by(|a, b| (a.0 / a.1).abs().total_cmp(&(b.0 / b.1).abs()));
@@ -298,12 +291,11 @@ impl<M: Model> Engine<'_, M> {
         let mut intervals = vec![Vec::new(); hypothesis.candidates.len()];
         for (blocks, candidates) in self.groups(&hypothesis.candidates) {
             let group = (&blocks[..], &candidates[..]);
-            let fit = self.expansion(hypothesis.clone(), group)?;
-            let unknown = Unknown::process(Blocks::MAX);
-            let mode = self.mode(&fit, group, unknown, f64::NEG_INFINITY)?;
+            let mode = self.mode_of(hypothesis, group, Unknown::process(Blocks::MAX))?;
             let nominals = self.free(&blocks);
-            let x = self.coordinates(&mode.hypothesis, &nominals, &candidates);
-            let weights = mode.evidence.weights.iter().zip(&mode.evidence.deviations);
+            let x = self.coordinates(&mode.about.hypothesis, &nominals, &candidates);
+            let deviations = mode.deviations()?;
+            let weights = mode.evidence.weights.iter().zip(&deviations);
             let values = x.iter().zip(weights).skip(nominals.len());
             let parameters = candidates
                 .iter()
@@ -342,8 +334,8 @@ impl<M: Model> Engine<'_, M> {
         group: Group,
         floor: f64,
     ) -> Option<Vec<Judgement>> {
-        let fit = self.expansion(hypothesis.clone(), group)?;
-        let mode = |unknown| self.mode(&fit, group, unknown, floor);
+        let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
+        let mode = |unknown| self.mode(Rc::clone(&fit), group, unknown, floor);
         let named = mode(Unknown::process(0))?;
         let mut judgements = vec![Judgement {
             unknown: 0,
@@ -372,7 +364,13 @@ impl<M: Model> Engine<'_, M> {
                     Some(own) if own.evidence.log > process.evidence.log => {
                         // Alone, a block has nothing else that holds its values.
                         let is_alone = self.model.blocks().len() == 1;
-                        own.standing(|place| if is_alone { 0.0 } else { own.excess[place] })
+                        own.standing(|place| {
+                            if is_alone {
+                                0.0
+                            } else {
+                                own.about.excess[place]
+                            }
+                        })
                     }
                     _ => process.standing(of_process),
                 },
@@ -384,13 +382,17 @@ impl<M: Model> Engine<'_, M> {
     /// The evidence beside `unknown`, about its mode if it may reach `floor` there: where what is
     /// unknown explains much, the most probable values are not those of the fit, which knows
     /// nothing but noise, and the residuals are not linear from there to here.
-    fn mode(&self, fit: &Expansion, group: Group, unknown: Unknown, floor: f64) -> Option<Mode> {
-        let mut moved: Option<Expansion> = None;
-        let mut weights = DVector::zeros(fit.linear.weights());
-        let mut evidence = fit.linear.evidence(unknown)?;
+    fn mode(
+        &self,
+        mut about: Rc<Expansion>,
+        group: Group,
+        unknown: Unknown,
+        floor: f64,
+    ) -> Option<Mode> {
+        let mut weights = DVector::zeros(about.linear.weights());
+        let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
         for expansions in 0..=EXPANSIONS {
-            let about = moved.as_ref().unwrap_or(fit);
             let density = about.linear.log_density(unknown, &weights);
             let promised = about.linear.log_density(unknown, &evidence.weights) - density;
             if promised < PROMISED {
@@ -414,17 +416,19 @@ impl<M: Model> Engine<'_, M> {
             };
             evidence = next.linear.evidence(unknown)?;
             weights = there;
-            moved = Some(next);
+            about = Rc::new(next);
         }
-        let about = moved.as_ref().unwrap_or(fit);
         Some(Mode {
             evidence,
             missing,
-            shown: about.shown.clone(),
-            excess: about.excess.clone(),
-            along: about.along.clone(),
-            hypothesis: about.hypothesis.clone(),
+            about,
         })
+    }
+
+    /// The evidence of a group of `hypothesis` beside `unknown`, about its mode wherever that is.
+    fn mode_of(&self, hypothesis: &Hypothesis, group: Group, unknown: Unknown) -> Option<Mode> {
+        let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
+        self.mode(fit, group, unknown, f64::NEG_INFINITY)
     }
 
     /// The residuals of a group linear about `hypothesis`, and what the candidates do in its
