@@ -398,6 +398,7 @@ fn report() -> &'static Report {
         let (diagnosed, validate, fitted) = diagnosed();
         let diagnosis = diagnosis_report(
             &diagnosed.diagnosis,
+            &diagnosed.fitted.catalogue,
             ("Validation record", &validate, &diagnosed.free_runs),
             Some(&fitted),
         );

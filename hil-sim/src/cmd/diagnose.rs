@@ -200,12 +200,13 @@ fn watched<T: Send>(
 fn write(
     args: &Args,
     diagnosis: &Diagnosis,
+    catalogue: &Catalogue,
     shown: (&str, &[Record], &[[Record; 2]]),
     rig_toml: Option<&str>,
 ) -> Result<(), Failure> {
     let json = serde_json::to_string_pretty(diagnosis)
         .map_err(|error| BadInput::file("diagnosis.json", error.to_string()))?;
-    let mut report = report::report(diagnosis, shown, rig_toml);
+    let mut report = report::report(diagnosis, catalogue, shown, rig_toml);
     report.repeat = vec![super::this_command()];
     std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
     if let Some(toml) = rig_toml {
@@ -240,12 +241,14 @@ fn of_chamber(args: &Args) -> Result<(), Failure> {
     let (diagnosis, free_runs) = watched(args, |watch| {
         leak_down(&fit, &validate, &options(args), watch)
     })?;
-    let shown = if validate.is_empty() {
+    let (name, records) = if validate.is_empty() {
         ("Record", &fit[..])
     } else {
         (VALIDATION, &validate[..])
     };
-    write(args, &diagnosis, (shown.0, shown.1, &free_runs), None)
+    let catalogue = Catalogue::standard();
+    let shown = (name, records, &free_runs[..]);
+    write(args, &diagnosis, &catalogue, shown, None)
 }
 
 fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
@@ -279,7 +282,14 @@ fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     diagnosed.diagnosis.warnings.extend(refused(&rewritten));
     let shown = (VALIDATION, &validate[..], &diagnosed.free_runs[..]);
-    write(args, &diagnosed.diagnosis, shown, Some(&rewritten))
+    let catalogue = &diagnosed.fitted.catalogue;
+    write(
+        args,
+        &diagnosed.diagnosis,
+        catalogue,
+        shown,
+        Some(&rewritten),
+    )
 }
 
 #[cfg(test)]

@@ -418,7 +418,7 @@ fn calibrated_table(diagnosis: &Diagnosis) -> Table {
 }
 
 /// What is missing, why, and what else it could be.
-fn missing(diagnosis: &Diagnosis) -> Section {
+fn missing(diagnosis: &Diagnosis, catalogue: &Catalogue) -> Section {
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
         let gain = evidence.gain_nats.map_or_else(String::new, |nats| {
@@ -438,7 +438,7 @@ fn missing(diagnosis: &Diagnosis) -> Section {
         .effects
         .iter()
         .flat_map(|effect| &effect.alternatives);
-    let others = others.filter_map(|name| Catalogue::standard().find(name));
+    let others = others.filter_map(|name| catalogue.find(name));
     let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.signature));
     let mut section = Section {
         heading: "What is missing".into(),
@@ -454,10 +454,11 @@ fn missing(diagnosis: &Diagnosis) -> Section {
     section
 }
 
-/// The report of a diagnosis with records, of this name, and their free runs; `rig_toml` is the
-/// fitted rig's file, if there is a rig.
+/// The report of a diagnosis by the effects of `catalogue`, with records, of this name, and their
+/// free runs; `rig_toml` is the fitted rig's file, if there is a rig.
 pub fn report(
     diagnosis: &Diagnosis,
+    catalogue: &Catalogue,
     (name, records, free_runs): (&str, &[Record], &[[Record; 2]]),
     rig_toml: Option<&str>,
 ) -> Report {
@@ -504,7 +505,7 @@ pub fn report(
         verdict: sentences(diagnosis),
         sections: vec![
             gap,
-            missing(diagnosis),
+            missing(diagnosis, catalogue),
             where_it_lives,
             Section {
                 heading: "How probable it is".into(),
