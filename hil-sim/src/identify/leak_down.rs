@@ -41,6 +41,20 @@ const LARGEST_S: f64 = 1e8;
 /// Parts of a record whose time constants are told apart if the decay is no exponential.
 const PARTS: usize = 3;
 
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The share of a pressure that is left at each time, of that at `begin_s`.
+fn shares(
+    time_s: &[f64],
+    begin_s: f64,
+    time_constant_s: f64,
+) -> impl Iterator<Item = f64> + use<'_> {
+    let share = move |s: &f64| (-(s - begin_s) / time_constant_s).exp();
+    time_s.iter().map(share)
+}
+
 /// A chamber's pressure over time.
 struct Decay {
     time_s: Vec<f64>,
@@ -73,17 +87,10 @@ impl Decay {
         })
     }
 
-    /// The share of the pressure at the first row that is left at each row.
-    fn shares(&self, time_constant_s: f64) -> impl Iterator<Item = f64> {
-        let begin_s = self.time_s[0];
-        self.time_s
-            .iter()
-            .map(move |s| (-(s - begin_s) / time_constant_s).exp())
-    }
-
     /// Measured less modelled pressure \[Pa\], from the pressure at the first row that fits best.
     fn missed(&self, zero_pa: f64, time_constant_s: f64) -> Vec<f64> {
-        let shares: Vec<f64> = self.shares(time_constant_s).collect();
+        let shares = shares(&self.time_s, self.time_s[0], time_constant_s);
+        let shares: Vec<f64> = shares.collect();
         let pairs = || shares.iter().zip(&self.pressure_pa);
         let product: f64 = pairs().map(|(share, pa)| share * (pa - zero_pa)).sum();
         let square: f64 = shares.iter().map(|share| share * share).sum();
@@ -95,7 +102,6 @@ impl Decay {
     /// Time constant by what is left at the end \[s\]; infinite where nothing is lost.
     fn overall_s(&self) -> f64 {
         let rows = (self.time_s.len() / PARTS).min(LEAST_ROWS);
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let from = self.time_s.len() - rows;
         let first_pa = mean(&self.pressure_pa[..rows]);
         let last_pa = mean(&self.pressure_pa[from..]);
@@ -111,7 +117,6 @@ impl Decay {
         (0..PARTS).map(move |part| {
             let part = part * rows / PARTS..(part + 1) * rows / PARTS;
             let (s, pa) = (&self.time_s[part.clone()], &self.pressure_pa[part]);
-            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
             let (mean_s, mean_pa) = (mean(s), mean(pa));
             let product: f64 = s.iter().zip(pa).map(|(s, pa)| (s - mean_s) * pa).sum();
             let square: f64 = s.iter().map(|s| (s - mean_s).powi(2)).sum();
@@ -378,14 +383,11 @@ fn free_runs(model: &Chamber, last: &[Record], taken: &Hypothesis) -> Vec<[Recor
     let run = |(record, decay): (&Record, &Decay)| {
         let begin_s = decay.time_s[0];
         let first = decay.time_s.iter().take_while(|s| **s <= begin_s + 1.0);
-        let first = &decay.pressure_pa[..first.count()];
-        let first_pa = first.iter().sum::<f64>() / first.len() as f64;
+        let first_pa = mean(&decay.pressure_pa[..first.count()]);
         [f64::INFINITY, Chamber::time_constant_s(&taken.fit.effects)].map(|time_constant_s| {
             let mut run = Record::new(record.time_s().to_vec());
-            let pressure_pa = record
-                .time_s()
-                .iter()
-                .map(|s| first_pa * (-(s - begin_s) / time_constant_s).exp());
+            let shares = shares(record.time_s(), begin_s, time_constant_s);
+            let pressure_pa = shares.map(|share| first_pa * share);
             run.set(PRESSURE_PA, pressure_pa.collect());
             run
         })
