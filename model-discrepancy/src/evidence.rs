@@ -31,6 +31,19 @@ pub(crate) struct Prior {
     /// Its mean, and its standard deviation.
     pub(crate) mean: f64,
     pub(crate) deviation: f64,
+    /// The least and the largest value.
+    pub(crate) range: (f64, f64),
+}
+
+impl Prior {
+    /// Of a weight that may have any value.
+    pub(crate) const fn new(mean: f64, deviation: f64) -> Prior {
+        Prior {
+            mean,
+            deviation,
+            range: (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
 }
 
 /// What a hypothesis does not explain.
@@ -83,6 +96,28 @@ pub(crate) struct Linear {
     nominal_blocks: Vec<Blocks>,
 }
 
+/// What is left in one block, linear in weights about where these are 0.
+pub(crate) struct Remainder {
+    pub(crate) rows: Rows,
+    /// The weights' columns and the residual last, a column for each row.
+    pub(crate) values: DMatrix<f64>,
+    /// The RMS in bases that laws of named effects may leave.
+    pub(crate) form_error: f64,
+}
+
+impl Remainder {
+    /// Products of the columns, the residual last, and half the log determinant of the covariance.
+    fn whitened(&self, amplitude: f64, time_constant_s: f64) -> Whitened {
+        let (whitened, half_log_determinant) =
+            self.rows
+                .whitened(self.values.clone(), amplitude, time_constant_s);
+        Whitened {
+            gram: &whitened * whitened.transpose(),
+            half_log_determinant: half_log_determinant + 0.5 * self.rows.left_out as f64,
+        }
+    }
+}
+
 /// One block, whitened for each process of the grid.
 struct Block {
     whitened: Vec<Whitened>,
@@ -131,14 +166,53 @@ impl Normal {
         -0.5 * square - self.half_log_determinant
     }
 
-    /// Log evidence, but for the prior's normalization, and the most probable weights.
-    fn solved(&self) -> Option<(f64, DVector<f64>)> {
+    /// Log evidence, but for the prior's normalization, and the most probable weights in the range
+    /// of their `priors`: a Gaussian about these.
+    fn solved(&self, priors: &[Prior]) -> Option<(f64, DVector<f64>)> {
         let factor = Cholesky::new(self.matrix.clone())?;
-        let weights = factor.solve(&self.vector);
-        let square = self.square - weights.dot(&self.vector);
+        let weights = self.in_range(factor.solve(&self.vector), priors)?;
         let half_log: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-        let log = -0.5 * square - half_log - self.half_log_determinant;
+        let log = self.log_density(&weights) - half_log;
         log.is_finite().then_some((log, weights))
+    }
+
+    /// The most probable weights in the range of their `priors`, of which `weights` are the most
+    /// probable ones anywhere: those that are beyond it are held at its end, and the others solved
+    /// for again.
+    fn in_range(&self, mut weights: DVector<f64>, priors: &[Prior]) -> Option<DVector<f64>> {
+        let mut open: Vec<usize> = (0..weights.len()).collect();
+        loop {
+            let held = open.len();
+            open.retain(|place| {
+                let (least, most) = priors[*place].range;
+                let is_in = (least..=most).contains(&weights[*place]);
+                if !is_in {
+                    weights[*place] = weights[*place].clamp(least, most);
+                }
+                is_in
+            });
+            if open.len() == held {
+                return Some(weights);
+            }
+            for place in &open {
+                weights[*place] = 0.0;
+            }
+            let rest = (&self.vector - &self.matrix * &weights).select_rows(&open);
+            let matrix = self.matrix.select_rows(&open).select_columns(&open);
+            let solved = Cholesky::new(matrix)?.solve(&rest);
+            for (place, value) in open.iter().zip(&solved) {
+                weights[*place] = *value;
+            }
+        }
+    }
+
+    /// The same, with weights drawn to `weights` so many times as strongly as the data and the
+    /// prior hold each of them by itself.
+    fn damped(mut self, damping: f64, weights: &DVector<f64>) -> Normal {
+        let pull = damping * self.matrix.diagonal();
+        self.vector += pull.component_mul(weights);
+        self.matrix += DMatrix::from_diagonal(&pull);
+        self
     }
 }
 
@@ -160,25 +234,18 @@ fn grid() -> impl Iterator<Item = (f64, f64)> + Clone {
 }
 
 impl Linear {
-    /// Of blocks: each with its rows, a matrix of weights' columns and the residual last, a column
-    /// for each row, and the RMS in bases that laws of named effects may leave there. The first
-    /// weights are those of nominal values, which act on `nominal_blocks`.
+    /// Of what is left in each block. The first weights are those of nominal values, which act on
+    /// `nominal_blocks`.
     pub(crate) fn new(
-        blocks: Vec<(Rows, DMatrix<f64>, f64)>,
+        blocks: Vec<Remainder>,
         priors: Vec<Prior>,
         nominal_blocks: Vec<Blocks>,
     ) -> Linear {
-        let block = |(rows, values, form_error): (Rows, DMatrix<f64>, f64)| {
-            let whitened = grid().map(|(amplitude, time_constant_s)| {
-                let (whitened, half_log_determinant) =
-                    rows.whitened(values.clone(), amplitude, time_constant_s);
-                Whitened {
-                    gram: &whitened * whitened.transpose(),
-                    half_log_determinant,
-                }
-            });
+        let block = |own: Remainder| {
+            let whitened =
+                grid().map(|(amplitude, time_constant_s)| own.whitened(amplitude, time_constant_s));
             // Half-normal in the amplitude; its deviation is what may be left.
-            let left = 1.0 + form_error;
+            let left = 1.0 + own.form_error;
             let log = |amplitude: f64| -0.5 * (amplitude / left).powi(2);
             let logs = grid().map(|(amplitude, _)| log(amplitude));
             let sum = log_sum(logs.clone());
@@ -232,14 +299,31 @@ impl Linear {
         self.prior(unknown.outside).log_density(weights) + blocks.sum::<f64>()
     }
 
-    /// Standard deviations of the most probable weights, with the most probable process.
-    pub(crate) fn deviations(&self, evidence: &Evidence) -> Option<DVector<f64>> {
+    /// The normal equations with the most probable process.
+    fn normal(&self, evidence: &Evidence) -> Normal {
         let mut normal = self.prior(evidence.unknown.outside);
         for (block, place) in self.blocks.iter().zip(&evidence.places) {
             normal.add(&block.whitened[*place]);
         }
-        let covariance = Cholesky::new(normal.matrix)?.inverse();
+        normal
+    }
+
+    /// Standard deviations of the most probable weights, with the most probable process.
+    pub(crate) fn deviations(&self, evidence: &Evidence) -> Option<DVector<f64>> {
+        let covariance = Cholesky::new(self.normal(evidence).matrix)?.inverse();
         Some(covariance.diagonal().map(f64::sqrt))
+    }
+
+    /// Weights between `weights` and the most probable ones, the nearer to these the less damping
+    /// (Levenberg and Marquardt's step).
+    pub(crate) fn damped(
+        &self,
+        evidence: &Evidence,
+        weights: &DVector<f64>,
+        damping: f64,
+    ) -> Option<DVector<f64>> {
+        let normal = self.normal(evidence).damped(damping, weights);
+        Some(normal.solved(&self.priors)?.1)
     }
 
     /// The evidence beside an unknown.
@@ -263,7 +347,7 @@ impl Linear {
                     let mut normal = others.clone();
                     normal.add(&block.whitened[place]);
                     let prior = block.log_prior(place, unknown.processes & (1 << number) != 0);
-                    let (log, weights) = normal.solved()?;
+                    let (log, weights) = normal.solved(&self.priors)?;
                     Some((log + prior, place, weights))
                 };
                 let all = (0..block.whitened.len()).filter_map(solved);
@@ -320,6 +404,7 @@ mod tests {
             base: (0..COUNT)
                 .map(|row| if row == 7 { 0.0 } else { 0.3 })
                 .collect(),
+            left_out: 0,
         }
     }
 
@@ -366,19 +451,15 @@ mod tests {
             1 => other(row),
             _ => 3.0 * residual(row),
         });
-        Linear::new(vec![(rows(), values, form_error)], priors.to_vec(), vec![1])
+        let remainder = Remainder {
+            rows: rows(),
+            values,
+            form_error,
+        };
+        Linear::new(vec![remainder], priors.to_vec(), vec![1])
     }
 
-    const PRIORS: [Prior; 2] = [
-        Prior {
-            mean: 0.4,
-            deviation: 1.0,
-        },
-        Prior {
-            mean: -2.0,
-            deviation: 5.0,
-        },
-    ];
+    const PRIORS: [Prior; 2] = [Prior::new(0.4, 1.0), Prior::new(-2.0, 5.0)];
 
     /// The evidence is the density of the residuals from their covariance, summed over processes
     /// with their prior: half-normal in the amplitude, or uniform where something is unknown.
@@ -428,11 +509,38 @@ mod tests {
                 place if place == first + 2 => other(row),
                 _ => 0.0,
             });
-            (rows(), values, 0.0)
+            Remainder {
+                rows: rows(),
+                values,
+                form_error: 0.0,
+            }
         };
         let priors = [PRIORS[0], PRIORS[0], PRIORS[1], PRIORS[1]];
         let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), vec![1, 2]);
         let both = both.evidence(none).expect("a density").log;
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
+    }
+
+    /// A weight that the data want beyond its range is held there, and the others follow: the
+    /// evidence is that of a Gaussian about this place.
+    #[test]
+    fn weights_stay_in_their_range() {
+        let none = Unknown::process(0);
+        let anywhere = linear(&PRIORS, 0.0);
+        let free = anywhere.evidence(none).expect("a density");
+        let most = free.weights[0] - 0.2;
+        let held = Prior {
+            range: (f64::NEG_INFINITY, most),
+            ..PRIORS[0]
+        };
+        let held = linear(&[held, PRIORS[1]], 0.0)
+            .evidence(none)
+            .expect("a density");
+        assert_eq!(held.weights[0], most);
+        let density =
+            |other: f64| anywhere.log_density(none, &DVector::from_vec(vec![most, other]));
+        let best = density(held.weights[1]);
+        assert!(best > density(held.weights[1] + 1e-2) && best > density(held.weights[1] - 1e-2));
+        assert!(held.log < free.log, "{}, {}", held.log, free.log);
     }
 }

@@ -24,6 +24,8 @@ pub(crate) struct Rows {
     pub(crate) deviation: Vec<f64>,
     /// RMS of the process of amplitude 1.
     pub(crate) base: Vec<f64>,
+    /// How many residuals were left out, as those that are here tell what they do.
+    pub(crate) left_out: usize,
 }
 
 impl Rows {

@@ -247,11 +247,6 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
     /// Expands the evidence of what may be as probable as the most probable set about its own mode,
     /// the most probable first.
     fn expand(&mut self) {
-        // With one block nothing but wide tolerances and repeatability holds the values: on
-        // measured muscles most steps then promise what they do not keep, and right sets are lost.
-        if self.engine.model.blocks().len() == 1 {
-            return;
-        }
         (self.watch)(Step::Stage("evidence about its mode", 0));
         loop {
             let exact = self.judged().filter(|own| own.1.missing <= 0.0);

@@ -2,9 +2,10 @@
 //! parameters and laws of effects integrated out about their fit.
 
 use super::{
-    Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Problem, START_FACTOR,
+    Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Parameter, Problem,
+    START_FACTOR,
 };
-use crate::evidence::{Blocks, Evidence, Linear, Prior, Unknown, log_sum};
+use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
 use crate::least_squares::{Problem as _, at};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -24,22 +25,24 @@ const TOLERATED: f64 = 2.0;
 const SHAPE_POINTS: usize = 9;
 /// A box's variance is this share of its squared half width.
 const BOX_VARIANCE: f64 = 1.0 / 3.0;
-/// Dead zones wider than this keep only rows so far apart \[s\]: what friction takes up is the same
-/// as long as the weight rests.
+/// Of rows with dead zones wider than this one is kept as long as the weight rests and friction
+/// takes up about the same, within half of the zone: what it takes up there is by chance once.
 const WIDE: f64 = 0.5;
-const REST_S: f64 = 0.4;
 
 /// Rows nearer together than this are merged into their mean \[s\]: what is left changes little in
 /// that time.
 const MERGED_S: f64 = 0.03;
 /// The evidence is expanded anew so often at most, as long as a step to the most probable values
-/// promises so many nats; shares of a step that are tried.
-const EXPANSIONS: usize = 6;
+/// promises so many nats.
+const EXPANSIONS: usize = 12;
 const PROMISED: f64 = 1.0;
 /// The evidence is off by less than this share of what a step promises, as what is gained by one
 /// that a trust region takes for good is between half of its promise and twice that.
 const MISSING: f64 = 0.5;
-const SHARES: [f64; 3] = [1.0, 0.3, 0.1];
+/// Damping of the first step that is not as good as it promised, and by how much more or less the
+/// next is damped.
+const DAMPING: f64 = 0.1;
+const DAMPING_FACTOR: f64 = 10.0;
 
 /// A hypothesis with unknowns in some blocks.
 #[derive(Clone, Debug)]
@@ -53,6 +56,8 @@ pub struct Judgement {
     /// The candidates that do much more in some block than what is unknown there, and are not where
     /// they end: the others may be what explains most of that, and not be there.
     pub standing: Vec<usize>,
+    /// Whether each candidate shows somewhere, if nothing is unknown.
+    shows: bool,
 }
 
 impl Judgement {
@@ -131,11 +136,20 @@ impl Mode {
         self.about.linear.deviations(&self.evidence)
     }
 
-    /// The candidates that stand beside processes of these amplitudes in the blocks.
-    fn standing(&self, amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
+    /// The candidates that stand beside processes of these amplitudes in the blocks, and beside
+    /// those that have `ended`: what is beyond the end of an effect is another one, which may be in
+    /// no catalogue.
+    fn standing(&self, ended: &[usize], amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
+        let has_ended = |shown: &&Shown| ended.contains(&shown.candidate);
+        let unknown = |place: usize| {
+            let there = self.about.shown.iter().filter(|own| own.place == place);
+            let sizes = there.filter(has_ended).map(|shown| shown.size);
+            sizes.fold(amplitude(place), f64::max)
+        };
         let stands =
-            |shown: &&Shown| shown.size > (STANDS * amplitude(shown.place)).max(1.0 + shown.left);
+            |shown: &&Shown| shown.size > (STANDS * unknown(shown.place)).max(1.0 + shown.left);
         let standing = self.about.shown.iter().filter(stands);
+        let standing = standing.filter(|shown| !has_ended(shown));
         standing.map(|shown| shown.candidate).collect()
     }
 }
@@ -220,6 +234,7 @@ impl<M: Model> Engine<'_, M> {
             log_evidence: -hypothesis.fit.free_run,
             missing: 0.0,
             standing: Vec::new(),
+            shows: true,
         }];
         for own in by_group {
             let both = |one: &Judgement, other: &Judgement| Judgement {
@@ -227,6 +242,7 @@ impl<M: Model> Engine<'_, M> {
                 log_evidence: one.log_evidence + other.log_evidence,
                 missing: one.missing + other.missing,
                 standing: [&one.standing[..], &other.standing].concat(),
+                shows: one.shows && other.shows,
             };
             let pairs = all
                 .iter()
@@ -234,17 +250,7 @@ impl<M: Model> Engine<'_, M> {
             all = pairs.collect();
         }
         // Without an unknown each has to show.
-        let candidates = &hypothesis.candidates;
-        let shows = |own: &Judgement| candidates.iter().all(|c| own.standing.contains(c));
-        let every = all.iter().any(|own| own.unknown == 0 && shows(own));
-        // What is beyond the end of an effect is another one, which may be in no catalogue.
-        for (own, values) in &hypothesis.fit.effects {
-            if self.model.candidates()[*own].ended(values).next().is_some() {
-                for judgement in &mut all {
-                    judgement.standing.retain(|candidate| candidate != own);
-                }
-            }
-        }
+        let every = all.iter().any(|own| own.unknown == 0 && own.shows);
         every.then_some(all)
     }
 
@@ -337,11 +343,17 @@ impl<M: Model> Engine<'_, M> {
         let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
         let mode = |unknown| self.mode(Rc::clone(&fit), group, unknown, floor);
         let named = mode(Unknown::process(0))?;
+        let showing = named.standing(&[], |_| 0.0);
+        let all = self.model.candidates();
+        let effects = hypothesis.fit.effects.iter();
+        let ended = effects.filter(|(own, values)| all[*own].ended(values).next().is_some());
+        let ended: Vec<usize> = ended.map(|(own, _)| *own).collect();
         let mut judgements = vec![Judgement {
             unknown: 0,
             log_evidence: named.evidence.log,
             missing: named.missing,
-            standing: named.standing(|_| 0.0),
+            standing: named.standing(&ended, |_| 0.0),
+            shows: group.1.iter().all(|own| showing.contains(own)),
         }];
         for (place, block) in group.0.iter().enumerate() {
             // A process of any amplitude or, as probably, nominal values outside their tolerances.
@@ -362,18 +374,11 @@ impl<M: Model> Engine<'_, M> {
                 },
                 standing: match outside {
                     Some(own) if own.evidence.log > process.evidence.log => {
-                        // Alone, a block has nothing else that holds its values.
-                        let is_alone = self.model.blocks().len() == 1;
-                        own.standing(|place| {
-                            if is_alone {
-                                0.0
-                            } else {
-                                own.about.excess[place]
-                            }
-                        })
+                        own.standing(&ended, |place| own.about.excess[place])
                     }
-                    _ => process.standing(of_process),
+                    _ => process.standing(&ended, of_process),
                 },
+                shows: false,
             });
         }
         Some(judgements)
@@ -392,6 +397,7 @@ impl<M: Model> Engine<'_, M> {
         let mut weights = DVector::zeros(about.linear.weights());
         let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
+        let mut damping = 0.0;
         for expansions in 0..=EXPANSIONS {
             let density = about.linear.log_density(unknown, &weights);
             let promised = about.linear.log_density(unknown, &evidence.weights) - density;
@@ -402,21 +408,28 @@ impl<M: Model> Engine<'_, M> {
                 missing = MISSING * promised;
                 break;
             }
-            let better = SHARES.iter().find_map(|share| {
-                let step = (&evidence.weights - &weights) * *share;
-                let next = self.expansion(about.moved(self, group, &step), group)?;
-                let mut there = &weights + &step;
-                there.rows_mut(0, about.values).fill(0.0);
-                (next.linear.log_density(unknown, &there) > density).then_some((next, there))
-            });
-            let Some((next, there)) = better.filter(|_| expansions < EXPANSIONS) else {
+            if expansions == EXPANSIONS {
                 // What no step redeems is not there.
                 evidence.log -= promised;
                 break;
+            }
+            let step = about.linear.damped(&evidence, &weights, damping)? - &weights;
+            let mut there = &weights + &step;
+            there.rows_mut(0, about.values).fill(0.0);
+            let next = self.expansion(about.moved(self, group, &step), group);
+            let next = next.filter(|next| next.linear.log_density(unknown, &there) > density);
+            damping = if let Some(next) = next {
+                evidence = next.linear.evidence(unknown)?;
+                weights = there;
+                about = Rc::new(next);
+                if damping > DAMPING {
+                    damping / DAMPING_FACTOR
+                } else {
+                    0.0
+                }
+            } else {
+                (damping * DAMPING_FACTOR).max(DAMPING)
             };
-            evidence = next.linear.evidence(unknown)?;
-            weights = there;
-            about = Rc::new(next);
         }
         Some(Mode {
             evidence,
@@ -438,17 +451,12 @@ impl<M: Model> Engine<'_, M> {
         let x = self.coordinates(&hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
         let found = at(&mut problem, DVector::from_vec(x))?;
-        let slopes = problem.slopes(&found.x, &found.residuals)?.values;
+        let slopes = problem.slopes(&found.x, &found.residuals)?;
         let laws: Vec<Law> = candidates
             .iter()
             .map(|own| self.law(blocks, &hypothesis, *own, &found))
             .collect::<Option<_>>()?;
-        let (nominal, parameters) = found.x.as_slice().split_at(free.len());
-        let prior = |mean: f64, deviation: f64| Prior { mean, deviation };
-        let mut priors: Vec<Prior> = nominal.iter().map(|x| prior(-x, 1.0)).collect();
-        priors.extend(parameters.iter().map(|x| prior(1.0 - x, EFFECT_PRIOR)));
-        let shapes = laws.iter().flat_map(|law| &law.shapes);
-        priors.extend(shapes.map(|_| prior(0.0, LAW)));
+        let priors = self.priors(free.len(), &found.x, candidates, &laws);
         let mut along = Vec::new();
         let mut first = found.x.len();
         for law in &laws {
@@ -470,9 +478,13 @@ impl<M: Model> Engine<'_, M> {
             });
             let errors: Vec<f64> = errors.collect();
             let nominal = (0..free.len())
-                .map(|own| in_bases(&slopes.columns(own, 1).into_owned(), &rows, &merged));
+                .map(|own| in_bases(&slopes.values.columns(own, 1).into_owned(), &rows, &merged));
             let nominal: Vec<DVector<f64>> = nominal.collect();
+            let values = merged_values(&slopes.values, &laws, &found.residuals.values, &merged);
             for (number, law) in laws.iter().enumerate() {
+                if !explains(&law.whole, &values, &rows, &merged) {
+                    continue;
+                }
                 let without = |other: &usize| *other != number;
                 let left: f64 = (0..laws.len()).filter(without).map(|n| errors[n]).sum();
                 let others = (0..laws.len()).filter(without).map(|n| &wholes[n]);
@@ -490,8 +502,11 @@ impl<M: Model> Engine<'_, M> {
                 beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
             }
             excess.push(beyond_tolerance.norm());
-            let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
-            linear.push((rows, values, errors.iter().sum()));
+            linear.push(Remainder {
+                rows,
+                values,
+                form_error: errors.iter().sum(),
+            });
         }
         Some(Expansion {
             values: found.x.len(),
@@ -501,6 +516,31 @@ impl<M: Model> Engine<'_, M> {
             excess,
             along,
         })
+    }
+
+    /// The priors of the steps from `x`, of which so many coordinates are of nominal values and the
+    /// rest of parameters, and of the weights of `laws`.
+    fn priors(
+        &self,
+        nominals: usize,
+        x: &DVector<f64>,
+        candidates: &[usize],
+        laws: &[Law],
+    ) -> Vec<Prior> {
+        let (nominal, parameters) = x.as_slice().split_at(nominals);
+        let all = self.model.candidates();
+        let ranges = candidates
+            .iter()
+            .flat_map(|own| all[*own].parameters.iter().map(Parameter::reach));
+        let in_range = |(x, (least, most)): (&f64, (f64, f64))| Prior {
+            range: ((least - x).min(0.0), (most - x).max(0.0)),
+            ..Prior::new(1.0 - x, EFFECT_PRIOR)
+        };
+        let mut priors: Vec<Prior> = nominal.iter().map(|x| Prior::new(-x, 1.0)).collect();
+        priors.extend(parameters.iter().zip(ranges).map(in_range));
+        let shapes = laws.iter().flat_map(|law| &law.shapes);
+        priors.extend(shapes.map(|_| Prior::new(0.0, LAW)));
+        priors
     }
 
     /// Of each nominal value the places of the blocks among `blocks` on which it acts.
@@ -523,10 +563,12 @@ impl<M: Model> Engine<'_, M> {
             for own in blocks {
                 let count = self.model.rows(record, *own);
                 if own == &block {
-                    let slack = &found.residuals.slack[first..first + count];
+                    let own = first..first + count;
+                    let left = &found.residuals;
                     rows.add(
                         &self.model.timeline(record, block),
-                        slack,
+                        (&left.values[own.clone()], &left.slack[own]),
+                        !self.model.proportional(block),
                         (first, &mut merged),
                     );
                 }
@@ -627,43 +669,66 @@ impl<M: Model> Engine<'_, M> {
 }
 
 impl Rows {
-    /// Adds the rows of a record, which begin at `first`, and which of these each merges.
+    /// Adds the rows of a record, which begin at `first`, and which of these each merges: the same
+    /// ones whatever is fitted. Where the weight rests in a dead zone (`rests`) few are kept; those
+    /// that are left out count as what noise makes of them in the mean, as otherwise evidences
+    /// would be of different data.
     fn add(
         &mut self,
         timeline: &Timeline,
-        slack: &[f64],
+        (values, slack): (&[f64], &[f64]),
+        rests: bool,
         (first, merged): (usize, &mut Vec<Range<usize>>),
     ) {
         let mut begins = true;
-        let mut rested_s = f64::NEG_INFINITY;
+        // What was left over where the weight began to rest.
+        let mut rested = None;
         let mut row = 0;
         while row < slack.len() {
             let (time_s, base) = (timeline.time_s[row], timeline.base[row]);
-            let half_width = slack[row].max(0.0);
-            let is_exact = |row: usize| slack[row] <= 0.0 && timeline.base[row] > 0.0;
+            let follows =
+                |row: usize| timeline.base[row] > 0.0 && timeline.time_s[row] < time_s + MERGED_S;
             let mut end = row + 1;
-            if is_exact(row) {
-                while end < slack.len() && is_exact(end) && timeline.time_s[end] < time_s + MERGED_S
-                {
-                    end += 1;
-                }
+            while base > 0.0 && end < slack.len() && follows(end) {
+                end += 1;
             }
-            let is_again = half_width > WIDE && base > 0.0 && time_s < rested_s + REST_S;
-            if !is_again {
-                if half_width > WIDE && base > 0.0 {
-                    rested_s = time_s;
+            let half_width = half_width(slack, &(row..end));
+            let is_at_rest = rests && half_width > WIDE && base > 0.0;
+            let value = of_merged(&(row..end), |row| values[row]);
+            let is_same = |rested: f64| (value - rested).abs() < half_width;
+            if is_at_rest && rested.is_some_and(is_same) {
+                self.left_out += 1;
+            } else {
+                if base > 0.0 {
+                    rested = is_at_rest.then_some(value);
                 }
-                let members = end - row;
                 self.time_s.push(time_s);
-                self.base.push(base * (members as f64).sqrt());
+                self.base.push(base * ((end - row) as f64).sqrt());
                 self.begins.push(std::mem::take(&mut begins));
-                let variance = 1.0 + BOX_VARIANCE * half_width * half_width;
-                self.deviation.push(variance.sqrt());
+                self.deviation.push(box_deviation(half_width));
                 merged.push(first + row..first + end);
             }
             row = end;
         }
     }
+}
+
+/// Whether the residuals of a block, the last row of `values`, are less than they were without an
+/// effect, as which vanishes they change by `whole`. Where an effect does something that the
+/// records do not show, and explains something in another block, it may be another one there.
+fn explains(
+    whole: &DMatrix<f64>,
+    values: &DMatrix<f64>,
+    rows: &Rows,
+    merged: &[Range<usize>],
+) -> bool {
+    let residuals = values.row(values.nrows() - 1);
+    let pairs = merged.iter().zip(residuals.iter()).zip(&rows.deviation);
+    let gains = pairs.map(|((members, residual), deviation)| {
+        let whole = of_merged(members, |row| whole[(row, 0)]);
+        whole * (whole + 2.0 * residual) / (deviation * deviation)
+    });
+    gains.sum::<f64>() > 0.0
 }
 
 /// Values of an effect with each of its scales larger and smaller.
@@ -695,18 +760,31 @@ fn merged_values(
     let weights = slopes.ncols() + shapes.len();
     let mut values = DMatrix::zeros(weights + 1, merged.len());
     for (mut target, members) in values.column_iter_mut().zip(merged) {
-        let share = (members.len() as f64).sqrt().recip();
-        for row in members.clone() {
-            for own in 0..slopes.ncols() {
-                target[own] += share * slopes[(row, own)];
-            }
-            for (own, shape) in shapes.iter().enumerate() {
-                target[slopes.ncols() + own] += share * shape[(row, 0)];
-            }
-            target[weights] += share * residuals[row];
+        for (own, slopes) in slopes.column_iter().enumerate() {
+            target[own] = of_merged(members, |row| slopes[row]);
         }
+        for (own, shape) in shapes.iter().enumerate() {
+            target[slopes.ncols() + own] = of_merged(members, |row| shape[(row, 0)]);
+        }
+        target[weights] = of_merged(members, |row| residuals[row]);
     }
     values
+}
+
+/// What several rows of equal noise are as one: their mean, in units of its own noise.
+fn of_merged(members: &Range<usize>, value: impl Fn(usize) -> f64) -> f64 {
+    let sum: f64 = members.clone().map(value).sum();
+    sum / (members.len() as f64).sqrt()
+}
+
+/// The dead zone of merged rows.
+fn half_width(slack: &[f64], members: &Range<usize>) -> f64 {
+    of_merged(members, |row| slack[row].max(0.0))
+}
+
+/// Standard deviation of noise of 1 and of what is anywhere within a dead zone.
+fn box_deviation(half_width: f64) -> f64 {
+    (1.0 + BOX_VARIANCE * half_width * half_width).sqrt()
 }
 
 /// A column over merged rows, in units of their base, so that its norm is an RMS.
@@ -714,10 +792,8 @@ fn in_bases(column: &DMatrix<f64>, rows: &Rows, merged: &[Range<usize>]) -> DVec
     let pairs = merged.iter().zip(&rows.base);
     let pairs = pairs.filter(|(_, base)| **base > 0.0);
     let count = pairs.clone().count().max(1) as f64;
-    let scaled = pairs.map(|(members, base)| {
-        let sum: f64 = members.clone().map(|row| column[(row, 0)]).sum();
-        sum / (members.len() as f64).sqrt() / base / count.sqrt()
-    });
+    let scaled = pairs
+        .map(|(members, base)| of_merged(members, |row| column[(row, 0)]) / base / count.sqrt());
     DVector::from_vec(scaled.collect())
 }
 
@@ -734,7 +810,7 @@ fn beyond(own: &DVector<f64>, others: &[&DVector<f64>]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Coordinate, Parameter, Residuals};
+    use super::super::{BASE, Coordinate, Parameter, Residuals};
     use super::*;
 
     const ROWS: usize = 400;
@@ -871,5 +947,66 @@ mod tests {
         let about_mode = difference(f64::NEG_INFINITY);
         assert!(about_fit > 10.0 * PROMISED, "{about_fit}");
         assert!(about_mode < PROMISED, "{about_mode}");
+    }
+
+    /// A weight that rests, and of which friction takes up a part in one place and another part in
+    /// a second, and one that moves.
+    #[test]
+    fn a_rest_counts_once_as_long_as_friction_takes_up_about_the_same() {
+        let half_width = 5.0;
+        let values: Vec<f64> = (0..ROWS)
+            .map(|row| if row < ROWS / 2 { -3.0 } else { 3.0 } + (0.3 * row as f64).sin())
+            .collect();
+        let timeline = Timeline {
+            time_s: (0..ROWS).map(|row| 0.1 * row as f64).collect(),
+            base: vec![BASE; ROWS],
+        };
+        let kept = |half_width: f64, rests: bool| {
+            let (mut rows, mut merged) = (Rows::default(), Vec::new());
+            let slack = [half_width; ROWS];
+            rows.add(&timeline, (&values, &slack), rests, (0, &mut merged));
+            assert_eq!(rows.left_out + merged.len(), ROWS);
+            let firsts: Vec<usize> = merged.iter().map(|members| members.start).collect();
+            firsts
+        };
+        assert_eq!(kept(half_width, true), [0, ROWS / 2]);
+        let all: Vec<usize> = (0..ROWS).collect();
+        assert_eq!(kept(half_width, false), all);
+        assert_eq!(kept(0.9 * WIDE, true), all);
+    }
+
+    /// What is left out counts as noise makes it in the mean.
+    #[test]
+    fn rows_that_are_left_out_cost_half_a_nat_each() {
+        let log = |left_out: usize| {
+            let rows = Rows {
+                left_out,
+                ..Rows::default()
+            };
+            let remainder = Remainder {
+                rows,
+                values: DMatrix::zeros(1, 0),
+                form_error: 0.0,
+            };
+            let linear = Linear::new(vec![remainder], Vec::new(), Vec::new());
+            linear.evidence(Unknown::process(0)).expect("a density").log
+        };
+        assert!((log(0) - log(10) - 5.0).abs() < 1e-9);
+    }
+
+    /// A wave in the residuals that an effect explains, and one that it adds.
+    #[test]
+    fn effect_shows_only_where_it_explains_something() {
+        let rows = Rows {
+            deviation: vec![1.0; ROWS],
+            ..Rows::default()
+        };
+        let merged: Vec<Range<usize>> = (0..ROWS).map(|row| row..row + 1).collect();
+        let wave = |share: f64| DMatrix::from_fn(ROWS, 1, |row, _| share * load(row));
+        // Without the effect the residuals were `left + whole`.
+        let explained =
+            |left: f64, whole: f64| explains(&wave(whole), &wave(left).transpose(), &rows, &merged);
+        assert!(explained(0.0, 2.0) && explained(0.5, -2.0) && explained(-0.9, 2.0));
+        assert!(!explained(-2.0, 2.0) && !explained(1.1, -2.0));
     }
 }

@@ -21,8 +21,8 @@ const PRESLIDING_DISTANCE: Parameter = Parameter::new("reach", "1", (1e-4, 0.5),
     .log()
     .physical_min()
     .physical_max();
-/// Friction that hardly grows with pressure is `friction`.
-const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 0.6), 0.2).physical_max();
+/// What does not grow with pressure at all is `friction`.
+const BASE_SHARE: Parameter = Parameter::new("base_share", "1", (0.0, 1.0), 0.2).physical_max();
 
 /// The kind, for the catalogue.
 pub static KIND: EffectKind = EffectKind {
