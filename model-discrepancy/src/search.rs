@@ -33,11 +33,9 @@ const JUDGED_FORMS: usize = 2;
 const MATTERS: f64 = 7.0;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
-/// Promised gain, beside that of its parameters, for which a second effect is tried.
+/// Promised gain, beside that of its parameters, for which an effect is tried: what has a rival
+/// that was not tried looks too probable.
 const PROMISE: f64 = 10.0;
-/// An effect is worth a fit if it promises this share of what an effect of one base gains in one
-/// of its blocks; promises are linear, and may be too small.
-const SHARE_OF_BASE: f64 = 0.5;
 /// Share of what another effect on no other block promises that is worth a fit.
 const SHARE_OF_PROMISE: f64 = 0.01;
 
@@ -65,26 +63,6 @@ pub(crate) struct Search<'a, 'b, M> {
     watch: Watch<'b>,
     /// All that was tried, the lowest cost first.
     tried: Vec<Tried>,
-    /// Promise from which each candidate is worth a fit.
-    least: Vec<f64>,
-}
-
-/// Promises from which candidates are worth a fit.
-fn least_promises(model: &impl Model) -> Vec<f64> {
-    let blocks = 0..model.blocks().len();
-    let of_block = |block: usize| -> f64 {
-        let records = 0..model.records();
-        let squares = records.flat_map(|record| model.timeline(record, block).base);
-        0.5 * squares.map(|base| base * base).sum::<f64>()
-    };
-    let of_blocks: Vec<f64> = blocks.map(of_block).collect();
-    let candidates = model.candidates().iter();
-    let least = candidates.map(|candidate| {
-        let own = candidate.blocks.iter().map(|block| of_blocks[*block]);
-        let parameters = candidate.parameters.len() as f64;
-        SHARE_OF_BASE * own.fold(f64::INFINITY, f64::min) + GAIN_PARAMETER * parameters
-    });
-    least.collect()
 }
 
 impl<'a, 'b, M: Model> Search<'a, 'b, M> {
@@ -96,7 +74,6 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             engine,
             watch,
             tried: Vec::new(),
-            least: least_promises(engine.model),
         };
         let mut sets = search.worthwhile(&null)?;
         search.improve(vec![null]);
@@ -138,6 +115,11 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         hypothesis.fit.score() + self.gain_of_parameters(&hypothesis.candidates)
     }
 
+    /// Promise from which a candidate is worth a fit.
+    fn worth_a_fit(&self, candidate: usize) -> f64 {
+        PROMISE + self.gain_of_parameters(&[candidate])
+    }
+
     fn gain_of_parameters(&self, candidates: &[usize]) -> f64 {
         let all = self.engine.model.candidates();
         let parameters = candidates.iter().map(|c| all[*c].parameters.len());
@@ -163,7 +145,7 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
                 (0..all.len()).filter(|c| all[*c].blocks.iter().all(|b| blocks.contains(b)));
             let most = rivals.map(|c| promises[c]).fold(0.0, f64::max);
             let unsure = |block: &usize| !self.engine.model.proportional(*block);
-            let least = self.least[*candidate].max(SHARE_OF_PROMISE * most);
+            let least = self.worth_a_fit(*candidate).max(SHARE_OF_PROMISE * most);
             let few = better < FORMS || blocks.iter().any(unsure);
             promises[*candidate] > least && few || blocks.iter().all(unsure)
         };
@@ -320,14 +302,7 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         }
         let promises = self.engine.promises(best).unwrap_or_default();
         let mut promises = promises.iter().enumerate();
-        promises.all(|(candidate, promise)| {
-            // A single effect may stand for two others.
-            let least = match members {
-                1 => PROMISE + self.gain_of_parameters(&[candidate]),
-                _ => self.least[candidate],
-            };
-            *promise < least
-        })
+        promises.all(|(candidate, promise)| *promise < self.worth_a_fit(candidate))
     }
 
     /// Of sets in order of preference, the first `count` that differ in their names.
@@ -397,11 +372,7 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             let name = self.name(*candidate);
             let mut own = leader.iter().map(|own| self.name(*own));
             let new = !own.any(|own| own == name);
-            let least = match leader.len() {
-                1 => PROMISE + self.gain_of_parameters(&[*candidate]),
-                _ => self.least[*candidate],
-            };
-            new && (promises[*candidate] > least || !certain)
+            new && (promises[*candidate] > self.worth_a_fit(*candidate) || !certain)
         });
         let followers = order.into_iter().map(|candidate| vec![candidate]);
         let followers = self.distinct(followers, FOLLOWERS).into_iter();

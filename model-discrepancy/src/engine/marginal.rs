@@ -374,7 +374,15 @@ impl<M: Model> Engine<'_, M> {
                 },
                 standing: match outside {
                     Some(own) if own.evidence.log > process.evidence.log => {
-                        own.standing(&ended, |place| own.about.excess[place])
+                        // Alone, a block has nothing else that holds its values.
+                        let is_alone = self.model.blocks().len() == 1;
+                        own.standing(&ended, |place| {
+                            if is_alone {
+                                0.0
+                            } else {
+                                own.about.excess[place]
+                            }
+                        })
                     }
                     _ => process.standing(&ended, of_process),
                 },
