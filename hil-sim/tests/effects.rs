@@ -282,7 +282,7 @@ fn every_wrong_key_of_an_effect_is_in_one_error() {
         (0, "force_n", "a number [N], found no such key".into()),
         (4, "reach", "a number, found string".into()),
         (0, "asymmetry", "a number [1], found no such key".into()),
-        (6, "base_share", "a number from 0 to 0.6, found 9".into()),
+        (6, "base_share", "a number from 0 to 1, found 9".into()),
     ];
     let says = says.map(|(line, key, expected)| {
         format!("{}: key `effect.{key}`: expected {expected}", first + line)
