@@ -36,6 +36,8 @@ pub mod device;
 pub mod enabling;
 pub mod error;
 pub mod gate;
+#[cfg(test)]
+mod interval;
 pub mod io;
 pub mod lamp;
 pub mod limits;
