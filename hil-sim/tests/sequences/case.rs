@@ -1,6 +1,6 @@
 //! One case: a rig, a person, limbs in the way, and a sequence of events.
 
-use super::body::{FOOT, HAND, TRANSIENT_S};
+use super::body::{CONTROLLED_M_PER_S, FOOT, HAND, TRANSIENT_S};
 use super::event::{Event, What};
 use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
 use hil_sim::bench::person::Finger;
@@ -27,6 +27,8 @@ const TICK_S: f64 = 0.01;
 const EVENTS_S: f64 = 6.0;
 /// Time in which the weight comes to rest again \[s\].
 const AFTER_S: f64 = 3.8;
+/// Time in which a person draws a limb away that is free \[s\].
+const DRAWN_AWAY_S: f64 = 1.0;
 /// The board takes the mean of so many conversions, over the whole period.
 const SCANS: u32 = 16;
 
@@ -237,6 +239,7 @@ impl Case {
             let_go_m: None,
             over_s: 0.0,
             touched_s: 0.0,
+            free_s: None,
             missed: 0,
             mode: Mode::SelfCheck,
             flipped: false,
@@ -279,6 +282,8 @@ struct Running<'a, C> {
     let_go_m: Option<f64>,
     over_s: f64,
     touched_s: f64,
+    /// Time for which the limb has been free since it was touched \[s\].
+    free_s: Option<f64>,
     missed: u8,
     mode: Mode,
     flipped: bool,
@@ -423,6 +428,7 @@ impl<C: Control> Running<'_, C> {
             encoder: chosen.2,
             // It is gripped after the self-check.
             enabling_closed: case.enabling && !is_let_go && time_s > 0.8,
+            stop_open: [case.happens(time_s).any(|(what, _)| *what == What::Stops); 2],
             ..Pins::default()
         }
     }
@@ -442,8 +448,12 @@ impl<C: Control> Running<'_, C> {
             outcome.unasked_m = outcome.unasked_m.max(height_m - from_m);
         }
         let Some(limb) = &self.limb else { return };
-        // A foot gets below what is lifted, and what is drawn away is not there again.
-        if !limb.is_above && time_s > 2.5 && height_m > limb.height_m + 0.005 {
+        // A foot gets below what is lifted, and what was drawn away is not there again.
+        let is_drawn_away = self.free_s.is_some_and(|free_s| free_s > DRAWN_AWAY_S);
+        let gets_below = time_s > 2.5 && height_m > limb.height_m + 0.005;
+        if is_drawn_away {
+            limb.is_there.store(false, Ordering::Relaxed);
+        } else if !limb.is_above && gets_below {
             limb.is_there.store(true, Ordering::Relaxed);
         }
         let force_n = if limb.is_there.load(Ordering::Relaxed) {
@@ -458,10 +468,14 @@ impl<C: Control> Running<'_, C> {
             0.0
         };
         self.touched_s = if force_n > 20.0 {
+            self.free_s = Some(0.0);
             self.touched_s + step_s
         } else {
             0.0
         };
+        if let Some(free_s) = &mut self.free_s {
+            *free_s = if force_n > 0.0 { 0.0 } else { *free_s + step_s };
+        }
         outcome.pressed_s = outcome.pressed_s.max(self.over_s);
         outcome.contact_s = outcome.contact_s.max(self.touched_s);
     }
@@ -480,13 +494,14 @@ impl Outcome {
     /// The bounds of the body that were violated.
     pub fn violations(&self, case: &Case) -> Vec<&'static str> {
         let limb = case.limb().map(|limb| limb.region);
-        let mass_kg = 12.0;
+        let speed_m_per_s = if self.needs_hardware {
+            HAND.speed_m_per_s(12.0)
+        } else {
+            CONTROLLED_M_PER_S
+        };
         let checks = [
-            ("speed up", self.up_m_per_s > HAND.speed_m_per_s(mass_kg)),
-            (
-                "speed down",
-                self.down_m_per_s > HAND.speed_m_per_s(mass_kg),
-            ),
+            ("speed up", self.up_m_per_s > speed_m_per_s),
+            ("speed down", self.down_m_per_s > speed_m_per_s),
             (
                 "height not asked for",
                 self.unasked_m > super::body::UNASKED_M,

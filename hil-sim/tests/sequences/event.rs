@@ -40,6 +40,8 @@ pub enum What {
     Flip(usize),
     /// The person lets go of everything.
     LetsGo,
+    /// Somebody presses the emergency stop. Scenarios have it, random cases do not.
+    Stops,
     /// Amplitude \[m\] and frequency \[Hz\] of the finger beside its lift.
     Shakes(f64, f64),
     /// The finger moves to this place in 50 ms \[m\].
