@@ -84,6 +84,15 @@ pub(crate) fn shown(value: f64) -> String {
     }
 }
 
+/// A number with four significant digits.
+pub(crate) fn significant(value: f64) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let before_point = value.abs().max(1e-9).log10().floor() as i32;
+    format!("{value:.*}", (3 - before_point).clamp(0, 9) as usize)
+}
+
 /// `text` with everything that would break a line escaped, and cut if a file made it endless.
 fn one_line(text: &str) -> String {
     // Lists of names stay whole: the names of all effects have 320 characters.

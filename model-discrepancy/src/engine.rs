@@ -12,7 +12,7 @@ use super::least_squares::{
     Found, Goal, Prior, Problem as _, Residuals, Slopes, at, hidden, loss, minimize,
 };
 use super::rows::Timeline;
-pub use marginal::Judgement;
+pub use marginal::{Judgement, Shape};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
@@ -159,8 +159,10 @@ pub trait Model: Sync {
     /// candidate promises can be believed.
     fn proportional(&self, block: usize) -> bool;
     /// How badly free runs of a record miss what no block's residuals show well, as a cost with
-    /// bounded influence; 0 where there is no such thing.
-    fn free_run(&self, record: usize, nominal: &[f64], effects: &[Active]) -> Option<f64>;
+    /// bounded influence; by default there is no such thing.
+    fn free_run(&self, _record: usize, _nominal: &[f64], _effects: &[Active]) -> Option<f64> {
+        Some(0.0)
+    }
     /// Against what the residuals of a block over a record are looked at.
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
     /// When the residuals of a block over a record were measured, and how far they may be off in a
@@ -974,27 +976,6 @@ impl<'a, M: Model> Engine<'a, M> {
             parameters.map(|[a, b]| [a.min(b), a.max(b)]).collect()
         };
         Some(hypothesis.candidates.iter().map(of).collect())
-    }
-
-    /// The candidates of a hypothesis, which is `estimated`, whose size may as well be none: that
-    /// is within its 95 % interval. Several sizes of one may be none each and not together, and are
-    /// not looked at.
-    pub fn vanishing(&self, estimated: &Hypothesis) -> Vec<usize> {
-        if estimated.candidates.is_empty() {
-            return Vec::new();
-        }
-        let intervals = self.intervals(estimated).unwrap_or_default();
-        let pairs = estimated.candidates.iter().zip(intervals);
-        let vanish = pairs.filter(|(candidate, intervals)| {
-            let parameters = self.model.candidates()[**candidate].parameters.iter();
-            let sizes = parameters.zip(intervals);
-            let mut sizes = sizes.filter_map(|(own, [low, high])| {
-                let none = own.neutral?;
-                Some((*low..=*high).contains(&none))
-            });
-            sizes.next() == Some(true) && sizes.next().is_none()
-        });
-        vanish.map(|(candidate, _)| *candidate).collect()
     }
 
     /// Where the fit of `hypothesis` is, in the coordinates of a problem.

@@ -33,6 +33,47 @@ pub(crate) struct Prior {
     pub(crate) deviation: f64,
 }
 
+/// What a hypothesis does not explain.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Unknown {
+    /// Blocks with processes of any amplitude.
+    processes: Blocks,
+    /// Blocks whose nominal values are outside their tolerances.
+    outside: Blocks,
+}
+
+impl Unknown {
+    /// A process of any amplitude in each of these blocks.
+    pub(crate) fn process(blocks: Blocks) -> Unknown {
+        Unknown {
+            processes: blocks,
+            outside: 0,
+        }
+    }
+
+    /// Nominal values of these blocks outside their tolerances.
+    pub(crate) fn outside(blocks: Blocks) -> Unknown {
+        Unknown {
+            processes: 0,
+            outside: blocks,
+        }
+    }
+}
+
+/// Evidence of a hypothesis.
+pub(crate) struct Evidence {
+    /// Its logarithm.
+    pub(crate) log: f64,
+    /// The most probable weights.
+    pub(crate) weights: DVector<f64>,
+    /// Beside what.
+    unknown: Unknown,
+    /// The most probable process of each block, by its place in the grid.
+    places: Vec<usize>,
+    /// The amplitude of the most probable process of each block, in bases.
+    pub(crate) amplitudes: Vec<f64>,
+}
+
 /// Residuals of some blocks, linear in weights that they share.
 pub(crate) struct Linear {
     blocks: Vec<Block>,
@@ -56,6 +97,14 @@ struct Whitened {
     half_log_determinant: f64,
 }
 
+impl Whitened {
+    fn log_density(&self, weights: &DVector<f64>) -> f64 {
+        let with_residual = weights.clone().push(1.0);
+        let square = (&self.gram * &with_residual).dot(&with_residual);
+        -0.5 * square - self.half_log_determinant
+    }
+}
+
 /// The normal equations of some blocks.
 #[derive(Clone)]
 struct Normal {
@@ -73,6 +122,13 @@ impl Normal {
         self.vector -= gram.view((0, size), (size, 1));
         self.square += gram[(size, size)];
         self.half_log_determinant += whitened.half_log_determinant;
+    }
+
+    /// Log density at `weights`, but for the prior's normalization.
+    fn log_density(&self, weights: &DVector<f64>) -> f64 {
+        let square =
+            self.square - 2.0 * self.vector.dot(weights) + (&self.matrix * weights).dot(weights);
+        -0.5 * square - self.half_log_determinant
     }
 
     /// Log evidence, but for the prior's normalization, and the most probable weights.
@@ -159,42 +215,36 @@ impl Linear {
         }
     }
 
-    /// Log evidence with unknowns in these blocks: processes of any amplitude, or, as probably,
-    /// nominal values outside their tolerances.
-    ///
-    /// Also the amplitude of the most probable process of each block, in bases: 0 where a value
-    /// outside its tolerance is more probable.
-    pub(crate) fn log_evidence(&self, unknown: Blocks) -> Option<(f64, Vec<f64>)> {
-        let (log, _, places) = self.with_processes(unknown, 0)?;
-        let amplitudes = places.iter().filter_map(|place| grid().nth(*place));
-        let amplitudes: Vec<f64> = amplitudes.map(|(amplitude, _)| amplitude).collect();
-        if unknown == 0 {
-            return Some((log, amplitudes));
+    /// How many weights there are.
+    pub(crate) fn weights(&self) -> usize {
+        self.priors.len()
+    }
+
+    /// Log density of the residuals at `weights`, by the same measure as the evidence.
+    pub(crate) fn log_density(&self, unknown: Unknown, weights: &DVector<f64>) -> f64 {
+        let blocks = self.blocks.iter().enumerate().map(|(number, block)| {
+            let is_unknown = unknown.processes & (1 << number) != 0;
+            let places = block.whitened.iter().enumerate().map(|(place, whitened)| {
+                whitened.log_density(weights) + block.log_prior(place, is_unknown)
+            });
+            log_sum(places)
+        });
+        self.prior(unknown.outside).log_density(weights) + blocks.sum::<f64>()
+    }
+
+    /// Standard deviations of the most probable weights, with the most probable process.
+    pub(crate) fn deviations(&self, evidence: &Evidence) -> Option<DVector<f64>> {
+        let mut normal = self.prior(evidence.unknown.outside);
+        for (block, place) in self.blocks.iter().zip(&evidence.places) {
+            normal.add(&block.whitened[*place]);
         }
-        let outside = self.with_processes(0, unknown).map(|own| own.0);
-        let outside = outside.unwrap_or(f64::NEG_INFINITY);
-        let sum = log_sum([log, outside].into_iter()) - 2.0_f64.ln();
-        Some(if outside > log {
-            (sum, vec![0.0; amplitudes.len()])
-        } else {
-            (sum, amplitudes)
-        })
+        let covariance = Cholesky::new(normal.matrix)?.inverse();
+        Some(covariance.diagonal().map(f64::sqrt))
     }
 
-    /// The most probable weights with processes of any amplitude in all blocks.
-    pub(crate) fn weights_beside_unknown(&self) -> Option<DVector<f64>> {
-        Some(self.with_processes(Blocks::MAX, 0)?.1)
-    }
-
-    /// Log evidence with processes of any amplitude in these blocks and nominal values outside
-    /// their tolerances in those, the most probable weights, and the most probable process of each
-    /// block.
-    fn with_processes(
-        &self,
-        unknown: Blocks,
-        outside: Blocks,
-    ) -> Option<(f64, DVector<f64>, Vec<usize>)> {
-        let prior = self.prior(outside);
+    /// The evidence beside an unknown.
+    pub(crate) fn evidence(&self, unknown: Unknown) -> Option<Evidence> {
+        let prior = self.prior(unknown.outside);
         // Blocks of which nothing is explained yet must not pull weights that they share.
         let mut places = vec![grid().count() - 1; self.blocks.len()];
         let mut best = None;
@@ -207,12 +257,12 @@ impl Linear {
                 for (other, place) in places.iter().enumerate().filter(|(n, _)| *n != number) {
                     others.add(&self.blocks[other].whitened[*place]);
                     others.half_log_determinant -=
-                        self.blocks[other].log_prior(*place, unknown & (1 << other) != 0);
+                        self.blocks[other].log_prior(*place, unknown.processes & (1 << other) != 0);
                 }
                 let solved = |place: usize| {
                     let mut normal = others.clone();
                     normal.add(&block.whitened[place]);
-                    let prior = block.log_prior(place, unknown & (1 << number) != 0);
+                    let prior = block.log_prior(place, unknown.processes & (1 << number) != 0);
                     let (log, weights) = normal.solved()?;
                     Some((log + prior, place, weights))
                 };
@@ -232,7 +282,14 @@ impl Linear {
             }
         }
         let (log, weights) = best?;
-        Some((log, weights, places))
+        let amplitudes = places.iter().filter_map(|place| grid().nth(*place));
+        Some(Evidence {
+            log,
+            weights,
+            amplitudes: amplitudes.map(|(amplitude, _)| amplitude).collect(),
+            unknown,
+            places,
+        })
     }
 }
 
@@ -340,7 +397,7 @@ mod tests {
             log_sum(logs.map(|((a, _), log)| log + half_normal(a) - normalization))
         };
         let own = densities(&PRIORS);
-        let (found, _) = linear.log_evidence(0).expect("a density");
+        let found = linear.evidence(Unknown::process(0)).expect("a density").log;
         assert!((found - named(&own)).abs() < 1e-8, "{found}");
         let count = grid().count() as f64;
         let process = log_sum(own.iter().map(|log| log - count.ln()));
@@ -349,15 +406,20 @@ mod tests {
             ..PRIORS[0]
         };
         let outside = named(&densities(&[outside, PRIORS[1]]));
-        let expected = log_sum([process, outside].into_iter()) - 2.0_f64.ln();
-        let (found, _) = linear.log_evidence(1).expect("a density");
-        assert!((found - expected).abs() < 1e-8, "{found}, {expected}");
+        for (unknown, expected) in [
+            (Unknown::process(1), process),
+            (Unknown::outside(1), outside),
+        ] {
+            let found = linear.evidence(unknown).expect("a density").log;
+            assert!((found - expected).abs() < 1e-8, "{found}, {expected}");
+        }
     }
 
     /// Residuals of two blocks that share no weight are independent.
     #[test]
     fn blocks_without_common_weights_add_up() {
-        let (own, _) = linear(&PRIORS, 0.0).log_evidence(0).expect("a density");
+        let none = Unknown::process(0);
+        let own = linear(&PRIORS, 0.0).evidence(none).expect("a density").log;
         let (one, other, residual) = (wave(0.3), wave(1.1), wave(0.9));
         let block = |first: usize| {
             let values = DMatrix::from_fn(5, COUNT, |place, row| match place {
@@ -370,7 +432,7 @@ mod tests {
         };
         let priors = [PRIORS[0], PRIORS[0], PRIORS[1], PRIORS[1]];
         let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), vec![1, 2]);
-        let (both, _) = both.log_evidence(0).expect("a density");
+        let both = both.evidence(none).expect("a density").log;
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
     }
 }

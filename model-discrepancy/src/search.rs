@@ -29,6 +29,8 @@ const POLISHED: usize = 4;
 /// Sets of different names that are judged, by their number of effects, and forms of each.
 const JUDGED: [usize; MEMBERS + 1] = [1, 12, 12, 8];
 const JUDGED_FORMS: usize = 2;
+/// What is so many nats less probable than the most probable set does not matter: a thousandth.
+const MATTERS: f64 = 7.0;
 /// Gain that each parameter of an effect gives by itself, with room.
 const GAIN_PARAMETER: f64 = 4.0;
 /// Promised gain, beside that of its parameters, for which a second effect is tried.
@@ -232,9 +234,40 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         (self.watch)(Step::Stage("evidence", chosen.len()));
         let judgements: Vec<Option<Vec<Judgement>>> = chosen
             .par_iter()
-            .map(|place| self.engine.judgements(&self.tried[*place].hypothesis))
+            .map(|place| {
+                let hypothesis = &self.tried[*place].hypothesis;
+                self.engine.judgements(hypothesis, f64::INFINITY)
+            })
             .collect();
         for (place, judgements) in chosen.into_iter().zip(judgements) {
+            self.tried[place].judgements = Some(judgements);
+        }
+    }
+
+    /// Expands the evidence of what may be as probable as the most probable set about its own mode,
+    /// the most probable first.
+    fn expand(&mut self) {
+        // With one block nothing but wide tolerances and repeatability holds the values: on
+        // measured muscles most steps then promise what they do not keep, and right sets are lost.
+        if self.engine.model.blocks().len() == 1 {
+            return;
+        }
+        (self.watch)(Step::Stage("evidence about its mode", 0));
+        loop {
+            let exact = self.judged().filter(|own| own.1.missing <= 0.0);
+            let exact = exact.map(|own| own.1.log_evidence);
+            let floor = exact.fold(f64::MIN, f64::max) - MATTERS;
+            let most = |own: &Tried| {
+                let open = own.judgements.iter().flatten().flatten();
+                let open = open.filter(|own| own.missing > 0.0 && own.reach() >= floor);
+                open.map(|own| own.log_evidence).reduce(f64::max)
+            };
+            let open = self.tried.iter().enumerate();
+            let open = open.filter_map(|(place, own)| Some((place, most(own)?)));
+            let Some((place, _)) = open.max_by(|a, b| a.1.total_cmp(&b.1)) else {
+                break;
+            };
+            let judgements = self.engine.judgements(&self.tried[place].hypothesis, floor);
             self.tried[place].judgements = Some(judgements);
         }
     }
@@ -260,6 +293,7 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         for members in 0..=MEMBERS {
             self.judge(members);
         }
+        self.expand();
     }
 
     /// The sets that were judged, with each set of blocks unknown.

@@ -20,7 +20,7 @@ const ALTERNATIVES: usize = 3;
 /// Standard deviations of noise beyond which something is more than it.
 const NOISE: f64 = 4.0;
 /// Probability from which something is more probable than not.
-const PROBABLE: f64 = 0.5;
+pub const PROBABLE: f64 = 0.5;
 
 /// What the data say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
@@ -69,7 +69,7 @@ impl Default for Costs {
 
 impl Costs {
     /// Probability from which to name an effect costs less than not to.
-    fn threshold(self) -> f64 {
+    pub fn threshold(self) -> f64 {
         self.wrong_name / (self.wrong_name + self.missing_name)
     }
 }
@@ -181,7 +181,7 @@ fn posterior(judged: &[Judged]) -> Vec<Set> {
 }
 
 /// Sum of the probabilities of sets.
-fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
+pub fn probability(posterior: &[Set], of: impl Fn(&Set) -> bool) -> f64 {
     let sets = posterior.iter().filter(|set| of(set));
     // Rounding must not make it more than 1.
     sets.map(|set| set.probability).sum::<f64>().min(1.0)
@@ -235,7 +235,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let search = Search::run(engine, watch)?;
     let judged = judged(&search);
     let posterior = posterior(&judged);
-    let mut certain = certain(&standing(&posterior, &judged), costs.threshold());
+    let certain = certain(&standing(&posterior, &judged), costs.threshold());
     let most = |of: &dyn Fn(&Judged) -> bool| {
         let sets = judged.iter().filter(|own| of(own));
         let most = sets.max_by(|a, b| a.log.total_cmp(&b.log));
@@ -250,18 +250,9 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
         let named = most(&|own| own.names == names).or_else(|| most(&some));
         named.unwrap_or_else(|| null.clone())
     };
-    let mut names = sorted_names(&certain);
-    let mut named = of_names(&names);
-    let mut estimated = engine.estimated(&named);
-    let vanishing = estimated.as_ref().map(|own| engine.vanishing(own));
-    let vanishing = vanishing.unwrap_or_default();
-    if !vanishing.is_empty() {
-        let vanishes = |name: &str| vanishing.iter().any(|own| search.name(*own) == name);
-        certain.retain(|own| !vanishes(own.0));
-        names = sorted_names(&certain);
-        named = of_names(&names);
-        estimated = engine.estimated(&named);
-    }
+    let names = sorted_names(&certain);
+    let named = of_names(&names);
+    let estimated = engine.estimated(&named);
     let is_certain = |effect: &&str| {
         let mut certain = certain.iter();
         certain.any(|own| own.0 == *effect || own.1.contains(effect))
@@ -269,7 +260,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let more = probability(&posterior, |set| {
         set.unknown != 0 || !set.effects.iter().all(is_certain)
     });
-    let is_more = more >= PROBABLE || !predicts(&null, &named);
+    let is_more = more >= PROBABLE || !predicts(engine.model, &null, &named);
     let verdict = match (named.candidates.is_empty(), is_more) {
         (true, false) => Verdict::Consistent,
         (true, true) => Verdict::Unexplained,
@@ -312,15 +303,22 @@ fn sorted_names(certain: &[(&'static str, Vec<&'static str>, f64)]) -> Vec<&'sta
     names
 }
 
-/// By how much the records that were not fitted are missed beyond their noise, and the standard
-/// deviation of that if there is nothing but noise (of half a chi-squared).
-fn excess(fitted: &Hypothesis) -> (f64, f64) {
-    let predicted = fitted.fit.parts.iter().map(|part| part.predicted);
-    predicted.fold((0.0, 0.0_f64), |(sum, deviation), tally| {
-        let count = tally.count as f64;
+/// By how much the records that were not fitted are missed beyond their noise and what a sound rig
+/// leaves, and the standard deviation of that if there is nothing but these (of half a
+/// chi-squared).
+fn excess<M: Model>(model: &M, fitted: &Hypothesis) -> (f64, f64) {
+    let parts = fitted.fit.parts.iter();
+    parts.fold((0.0, 0.0_f64), |(sum, deviation), part| {
+        let records = model.fitted()..model.records();
+        let bases = records.flat_map(|record| model.timeline(record, part.block).base);
+        let (squares, rows) = bases.fold((0.0, 0.0_f64), |(squares, rows), base| {
+            (squares + base * base, rows + 1.0)
+        });
+        let variance = 1.0 + squares / rows.max(1.0);
+        let count = part.predicted.count as f64;
         (
-            sum + (tally.outside - 0.5 * count).max(0.0),
-            deviation.hypot((0.5 * count).sqrt()),
+            sum + (part.predicted.outside - 0.5 * count * variance).max(0.0),
+            deviation.hypot((0.5 * count).sqrt() * variance),
         )
     })
 }
@@ -336,8 +334,8 @@ fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
 /// Whether what is named predicts the records that were not fitted: it removes half of what is
 /// missed there without it, if that is more than noise. Laws that explain all records, but with
 /// other values in each, do not.
-fn predicts(null: &Hypothesis, named: &Hypothesis) -> bool {
-    let ((before, deviation), (after, _)) = (excess(null), excess(named));
+fn predicts<M: Model>(model: &M, null: &Hypothesis, named: &Hypothesis) -> bool {
+    let ((before, deviation), (after, _)) = (excess(model, null), excess(model, named));
     named.candidates.is_empty() || before < NOISE * deviation || after < 0.5 * before
 }
 

@@ -24,8 +24,13 @@ fn main() {
         if name == "lib" || text.contains("std::thread") {
             continue;
         }
-        let (text, table) = match text.split_once("#[cfg(test)]\nmod tests {\n") {
+        let tests = "#[cfg(test)]\nmod tests {\n";
+        // Tests whose helpers those of another module use.
+        let text = text.replace("#[cfg(test)]\npub(crate) mod tests {\n", tests);
+        let (text, table) = match text.split_once(tests) {
             Some((code, tests)) => {
+                // What only tests use.
+                let code = code.replace("#[cfg(test)]", "");
                 let code = format!("{code}\npub(crate) mod tests {{");
                 (with_table(&name, &code, tests), format!("{name}::tests"))
             }

@@ -41,7 +41,9 @@ fuzz() {
     "$built/$host/release/$name" -runs="$inputs" -max_len=$max_len -rss_limit_mb=4096 \
         -timeout=20 -max_total_time="${FUZZ_TIME_S:-0}" \
         -artifact_prefix=target/ "target/corpus/$name" "seeds/$name" >"target/$name.log" 2>&1 || true
-    printf '%s: %s\n' "$name" "$(grep -E '^Done|ERROR|panicked' "target/$name.log")"
+    # A failure's input is named, below tests/fuzz.
+    printf '%s: %s\n' "$name" \
+        "$(grep -E '^Done|ERROR|panicked|Test unit written' "target/$name.log")"
     grep -q '^Done' "target/$name.log"
 }
 

@@ -242,10 +242,6 @@ impl Model for TankModel {
         block == LOWER
     }
 
-    fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-        Some(0.0)
-    }
-
     fn context(&self, record: usize, _: usize) -> Vec<Coordinate> {
         vec![Coordinate {
             name: "voltage",

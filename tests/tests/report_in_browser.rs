@@ -396,7 +396,12 @@ fn report() -> &'static Report {
         let (design, _) = design_report(&rig, &question).expect("a design");
         report.sections.extend(design.sections);
         let (diagnosed, validate, fitted) = diagnosed();
-        let diagnosis = diagnosis_report(&diagnosed, &validate, &fitted);
+        let diagnosis = diagnosis_report(
+            &diagnosed.diagnosis,
+            &diagnosed.fitted.catalogue,
+            ("Validation record", &validate, &diagnosed.free_runs),
+            Some(&fitted),
+        );
         assert!(
             diagnosis.verdict[0].contains("leak"),
             "{:?}",

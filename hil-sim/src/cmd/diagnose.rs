@@ -3,14 +3,15 @@
 use super::Failure;
 use super::Progress;
 use hil_sim::error::{BadInput, one_of};
-use hil_sim::identify::diagnosis::{Options, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosis, Options, diagnose};
+use hil_sim::identify::leak_down::leak_down;
 use hil_sim::identify::provenance::{file_hash, provenance};
 use hil_sim::identify::report;
 use hil_sim::output::{NotWritten, same_file, utc, write_atomically, written_at};
 use hil_sim::record::Record;
 use hil_sim::record::check::check;
 use hil_sim::rig::{FileHash, Rig};
-use model_discrepancy::verdict::{Costs, Step};
+use model_discrepancy::verdict::{Costs, Step, Watch};
 use muscle_plant::effects::Catalogue;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -19,25 +20,29 @@ use std::sync::{Mutex, PoisonError};
 ///
 /// Needs a nominal rig, records to fit and records to validate with. Writes diagnosis.json,
 /// rig.fitted.toml and report.html.
+///
+/// Without a rig: a leak-down. The records have the pressure of a closed chamber alone; the result
+/// is its time constant, without rig.fitted.toml, and records to validate with are optional.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:
-  hil-sim diagnose --rig rig.toml --fit a.csv --fit b.csv --validate c.csv --out diagnosis")]
+  hil-sim diagnose --rig rig.toml --fit a.csv --fit b.csv --validate c.csv --out diagnosis
+  hil-sim diagnose --fit shut.csv --out leak")]
 pub struct Args {
     /// The nominal rig
-    #[arg(long, value_name = "RIG")]
-    rig: PathBuf,
+    #[arg(long, value_name = "RIG", requires = "validate")]
+    rig: Option<PathBuf>,
     /// A record to fit to; may be given more than once
     #[arg(long, value_name = "REC.csv", required = true)]
     fit: Vec<PathBuf>,
     /// A record to validate with, which is not fitted; may be given more than once
-    #[arg(long, value_name = "REC.csv", required = true)]
+    #[arg(long, value_name = "REC.csv")]
     validate: Vec<PathBuf>,
     /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Take a rig without tolerances: every nominal value is exact. Refused if the rig has some
-    #[arg(long)]
+    #[arg(long, requires = "rig")]
     exact: bool,
     /// Remove an effect from the catalogue; may be given more than once
     #[arg(long, value_name = "NAME", value_parser = effect)]
@@ -58,6 +63,9 @@ pub struct Args {
     json: bool,
 }
 
+/// What records to validate with are called in the report.
+const VALIDATION: &str = "Validation record";
+
 fn cost(text: &str) -> Result<f64, String> {
     let cost: f64 = text.parse().map_err(|_| "expected a number above 0")?;
     if cost > 0.0 && cost.is_finite() {
@@ -77,12 +85,12 @@ fn effect(name: &str) -> Result<String, String> {
 }
 
 /// The records at `paths`, and what the fitted rig says of their files.
-fn read(paths: &[PathBuf], rig: &Rig) -> Result<(Vec<Record>, Vec<FileHash>), BadInput> {
+fn read(paths: &[PathBuf], rig: Option<&Rig>) -> Result<(Vec<Record>, Vec<FileHash>), BadInput> {
     let read = paths.iter().map(|path| {
         // Once: a pipe cannot be read again.
         let bytes = Record::read_bytes(path)?;
         let record = Record::parse(&path.display().to_string(), &bytes)?;
-        super::check_record(&record, Some(rig))?;
+        super::check_record(&record, rig)?;
         Ok((record, file_hash(path, &bytes)))
     });
     read.collect()
@@ -117,9 +125,9 @@ fn untold(path: &Path) -> String {
 }
 
 /// Checks that a rig tells how well its values are known, or is said to be exact.
-fn check_tolerances(rig: &Rig, args: &Args) -> Result<(), BadInput> {
-    match (rig.tolerances.is_empty(), args.exact) {
-        (true, false) => Err(rig.bad_file(&untold(&args.rig))),
+fn check_tolerances(rig: &Rig, path: &Path, exact: bool) -> Result<(), BadInput> {
+    match (rig.tolerances.is_empty(), exact) {
+        (true, false) => Err(rig.bad_file(&untold(path))),
         (false, true) => Err(rig.bad_file(
             "no [tolerance.*] tables with --exact, which says that every value is exact",
         )),
@@ -149,8 +157,8 @@ fn options(args: &Args) -> Options {
     }
 }
 
-/// What other commands say of the fitted rig if they refuse it: two values, each within its
-/// tolerance, may contradict each other.
+/// What other commands say of the fitted rig if they refuse it, as where digits that are left out
+/// take a value past another.
 fn refused(fitted: &str) -> Option<String> {
     let refused = Rig::parse("rig.fitted.toml", fitted).err()?;
     Some(format!(
@@ -159,17 +167,11 @@ fn refused(fitted: &str) -> Option<String> {
     ))
 }
 
-/// Runs the command.
-pub fn run(args: &Args) -> Result<(), Failure> {
-    let date = utc(written_at()?);
-    super::check_folder(&args.out)?;
-    let text = Rig::read_text(&args.rig)?;
-    let rig = Rig::parse(&args.rig.display().to_string(), &text)?;
-    super::accepted(rig.check_units())?;
-    let (fit, fit_inputs) = read(&args.fit, &rig)?;
-    let (validate, validate_inputs) = read(&args.validate, &rig)?;
-    check_apart(args)?;
-    check_tolerances(&rig, args)?;
+/// Runs `diagnose` with its threads, told of its progress.
+fn watched<T: Send>(
+    args: &Args,
+    diagnose: impl FnOnce(Watch) -> Result<T, BadInput> + Send,
+) -> Result<T, Failure> {
     let mut pool = rayon::ThreadPoolBuilder::new();
     if let Some(threads) = args.threads {
         pool = pool.num_threads(threads as usize);
@@ -177,22 +179,89 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let pool = pool
         .build()
         .map_err(|error| BadInput::file("--threads", error.to_string()))?;
-    let mut diagnosed = {
-        let progress = Progress::new("diagnosing", 1);
-        let stage = Mutex::new("");
-        let watch = |step| match step {
-            Step::Stage(name, sets) => {
-                *stage.lock().unwrap_or_else(PoisonError::into_inner) = name;
-                progress.stage(name, sets as u64);
-            }
-            Step::Try(names) => {
-                let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
-                progress.say(format!("{stage}: {}", names.join(" + ")));
-                progress.step();
-            }
-        };
-        pool.install(|| diagnose(&rig, &fit, &validate, &options(args), &watch))?
+    let progress = Progress::new("diagnosing", 1);
+    let stage = Mutex::new("");
+    let watch = |step| match step {
+        Step::Stage(name, sets) => {
+            *stage.lock().unwrap_or_else(PoisonError::into_inner) = name;
+            progress.stage(name, sets as u64);
+        }
+        Step::Try(names) => {
+            let stage = *stage.lock().unwrap_or_else(PoisonError::into_inner);
+            progress.say(format!("{stage}: {}", names.join(" + ")));
+            progress.step();
+        }
     };
+    Ok(pool.install(|| diagnose(&watch))?)
+}
+
+/// Writes the results, of which the report shows `validate` beside their free runs, and prints
+/// them.
+fn write(
+    args: &Args,
+    diagnosis: &Diagnosis,
+    catalogue: &Catalogue,
+    shown: (&str, &[Record], &[[Record; 2]]),
+    rig_toml: Option<&str>,
+) -> Result<(), Failure> {
+    let json = serde_json::to_string_pretty(diagnosis)
+        .map_err(|error| BadInput::file("diagnosis.json", error.to_string()))?;
+    let mut report = report::report(diagnosis, catalogue, shown, rig_toml);
+    report.repeat = vec![super::this_command()];
+    std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
+    if let Some(toml) = rig_toml {
+        write_atomically(&args.out.join("rig.fitted.toml"), toml.as_bytes())?;
+    }
+    write_atomically(
+        &args.out.join("diagnosis.json"),
+        format!("{json}\n").as_bytes(),
+    )?;
+    write_atomically(&args.out.join("report.html"), report.to_html().as_bytes())?;
+    if args.json {
+        super::print_json(diagnosis)?;
+    } else {
+        super::print(&report.to_text())?;
+    }
+    Ok(())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    super::check_folder(&args.out)?;
+    check_apart(args)?;
+    match &args.rig {
+        Some(path) => of_rig(args, path),
+        None => of_chamber(args),
+    }
+}
+
+fn of_chamber(args: &Args) -> Result<(), Failure> {
+    let (fit, _) = read(&args.fit, None)?;
+    let (validate, _) = read(&args.validate, None)?;
+    let (diagnosis, free_runs) = watched(args, |watch| {
+        leak_down(&fit, &validate, &options(args), watch)
+    })?;
+    let (name, records) = if validate.is_empty() {
+        ("Record", &fit[..])
+    } else {
+        (VALIDATION, &validate[..])
+    };
+    let catalogue = Catalogue::standard();
+    let shown = (name, records, &free_runs[..]);
+    write(args, &diagnosis, &catalogue, shown, None)
+}
+
+fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
+    let date = utc(written_at()?);
+    let text = Rig::read_text(path)?;
+    let rig = Rig::parse(&path.display().to_string(), &text)?;
+    super::accepted(rig.check_units())?;
+    let (fit, fit_inputs) = read(&args.fit, Some(&rig))?;
+    let (validate, validate_inputs) = read(&args.validate, Some(&rig))?;
+    check_tolerances(&rig, path, args.exact)?;
+    let mut diagnosed = watched(args, |watch| {
+        diagnose(&rig, &fit, &validate, &options(args), watch)
+    })?;
     if rig.tolerances.is_empty() {
         let words = "the rig has no tolerances: the verdict rests on its values being exact";
         diagnosed.diagnosis.warnings.push(words.into());
@@ -205,30 +274,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let provenance = provenance(
         &diagnosed.diagnosis,
         date,
-        file_hash(&args.rig, text.as_bytes()),
+        file_hash(path, text.as_bytes()),
         [fit_inputs, validate_inputs],
     );
     let rewritten = rewritten
         .and_then(|rewritten| provenance.around(&rewritten))
         .map_err(|error| rig.bad_file(&error.to_string()))?;
     diagnosed.diagnosis.warnings.extend(refused(&rewritten));
-    let json = serde_json::to_string_pretty(&diagnosed.diagnosis)
-        .map_err(|error| rig.bad_file(&error.to_string()))?;
-    std::fs::create_dir_all(&args.out).map_err(|error| NotWritten::new(&args.out, error))?;
-    write_atomically(&args.out.join("rig.fitted.toml"), rewritten.as_bytes())?;
-    write_atomically(
-        &args.out.join("diagnosis.json"),
-        format!("{json}\n").as_bytes(),
-    )?;
-    let mut report = report::report(&diagnosed, &validate, &rewritten);
-    report.repeat = vec![super::this_command()];
-    write_atomically(&args.out.join("report.html"), report.to_html().as_bytes())?;
-    if args.json {
-        super::print_json(&diagnosed.diagnosis)?;
-    } else {
-        super::print(&report.to_text())?;
-    }
-    Ok(())
+    let shown = (VALIDATION, &validate[..], &diagnosed.free_runs[..]);
+    let catalogue = &diagnosed.fitted.catalogue;
+    write(
+        args,
+        &diagnosed.diagnosis,
+        catalogue,
+        shown,
+        Some(&rewritten),
+    )
 }
 
 #[cfg(test)]

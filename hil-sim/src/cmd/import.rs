@@ -71,7 +71,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(map) => map,
         None => Map::of_record(&name, &bytes, &args.unit)?,
     };
-    let imported = map.import(&name, &bytes)?;
+    let imported = map.import(&name, bytes)?;
     imported.record.write(out)?;
     if args.json {
         super::print_json(&imported.summary)?;

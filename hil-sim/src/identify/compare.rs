@@ -1,8 +1,8 @@
 //! Two diagnoses beside each other.
 
-use super::gap::{SIGNALS, significant};
+use super::gap::SIGNALS;
 use super::report::quantity;
-use crate::error::BadInput;
+use crate::error::{BadInput, significant};
 use crate::input::read_text;
 use crate::report::{Report, Section, Table};
 use crate::rig::{Provenance, Rig};

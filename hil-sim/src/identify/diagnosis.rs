@@ -5,14 +5,15 @@
 //! [`super::muscle`] is the rig as they see it. Here it becomes a diagnosis.
 
 use super::muscle::{Calibrated, MuscleModel};
-use crate::error::BadInput;
+use crate::error::{BadInput, significant};
 use crate::identify::gap;
 use crate::identify::inputs::above_vacuum;
 use crate::identify::simulate::{simulate, simulated};
 use crate::record::{PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Tally};
+use model_discrepancy::engine::{Active, Engine, Hypothesis as Fitted, Model, Part, Shape, Tally};
+use model_discrepancy::evidence::Blocks;
 use model_discrepancy::left::{Profile, profiles, when};
 use model_discrepancy::verdict::{Costs, Selection, Step, Verdict, Watch, select};
 use muscle_plant::nominal::Gas;
@@ -60,6 +61,9 @@ pub struct Named {
     pub place: &'static str,
     /// Its parameters.
     pub parameters: BTreeMap<&'static str, Estimate>,
+    /// How large it is over a quantity, in the size that its parameters say; none where its name
+    /// says its form.
+    pub shape: Option<Shape>,
     /// Probability that it, or one of its alternatives, is present.
     pub probability: f64,
     /// Effects that the data cannot tell from it.
@@ -226,13 +230,20 @@ const ABOVE_NOISE: f64 = 1.1;
 const SEEN_ABOVE_NOISE: f64 = 1.2;
 
 /// Keeps the time.
-struct Clock {
+pub(super) struct Clock {
     begin: Instant,
-    stages: Vec<Stage>,
+    pub(super) stages: Vec<Stage>,
 }
 
 impl Clock {
-    fn lap(&mut self, stage: &str) {
+    pub(super) fn new() -> Clock {
+        Clock {
+            begin: Instant::now(),
+            stages: Vec::new(),
+        }
+    }
+
+    pub(super) fn lap(&mut self, stage: &str) {
         let spent_s = self.begin.elapsed().as_secs_f64();
         self.stages.push(Stage {
             stage: stage.into(),
@@ -289,10 +300,7 @@ pub fn diagnose(
     options: &Options,
     watch: Watch,
 ) -> Result<Diagnosed, BadInput> {
-    let mut clock = Clock {
-        begin: Instant::now(),
-        stages: Vec::new(),
-    };
+    let mut clock = Clock::new();
     watch(Step::Stage("data and noise", 0));
     let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
     let model = MuscleModel::new(rig, fit, validate, &options.without)?;
@@ -309,7 +317,8 @@ pub fn diagnose(
     clock.lap("intervals");
     let free_run = |record: &Record| {
         let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
-        Ok([nominal?, fitted?])
+        // The record is none the worse for it.
+        Ok([nominal?, fitted.map_err(|_| rig.bad_file(&astray(record)))?])
     };
     let free_runs = validate
         .par_iter()
@@ -344,7 +353,7 @@ pub fn diagnose(
         },
         calibrated,
         blocks,
-        hypotheses: hypotheses(&model, &selection),
+        hypotheses: hypotheses(&selection, |unknown| model.unknown_in(unknown)),
         warnings,
         stages: clock.stages,
     };
@@ -355,8 +364,20 @@ pub fn diagnose(
     })
 }
 
+/// What is expected of a rig of which calibrated values are no plant that can follow `record`.
+fn astray(record: &Record) -> String {
+    format!(
+        "tolerances within which the plant can follow {}, found calibrated values with which it \
+         cannot; smaller ones keep them from there",
+        record.file()
+    )
+}
+
 /// The posterior, without what hardly anything speaks for.
-fn hypotheses(model: &MuscleModel, selection: &Selection) -> Vec<Hypothesis> {
+pub(super) fn hypotheses(
+    selection: &Selection,
+    unknown_in: impl Fn(Blocks) -> Vec<&'static str>,
+) -> Vec<Hypothesis> {
     let mut left = 1.0;
     let mut listed = selection.posterior.iter().take_while(|set| {
         let is_listed = left > UNLISTED;
@@ -367,7 +388,7 @@ fn hypotheses(model: &MuscleModel, selection: &Selection) -> Vec<Hypothesis> {
         .by_ref()
         .map(|set| Hypothesis {
             effects: set.effects.clone(),
-            unknown: model.unknown_in(set.unknown),
+            unknown: unknown_in(set.unknown),
             probability: set.probability,
         })
         .collect()
@@ -400,8 +421,8 @@ fn predictions(gap: &[(&'static str, GapOf)], verdict: Verdict) -> Vec<String> {
             format!(
                 "{signal}: the fitted rig predicts the validation records worse than the nominal \
                  one, by {} in place of {} root mean square",
-                gap::significant(gap.after),
-                gap::significant(gap.before)
+                significant(gap.after),
+                significant(gap.before)
             )
         })
         .collect();
@@ -426,12 +447,13 @@ fn nominal_of(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitte
     } else {
         model.refined(&taken.fit.nominal, &taken.fit.effects)
     };
-    model.with_static_friction_above_coulomb(nominal)
+    model.readable(nominal)
 }
 
 fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) -> Vec<Named> {
     let all = engine.model.candidates();
     let intervals = engine.intervals(taken);
+    let shapes = engine.shapes(taken);
     let of = |(place, (candidate, values)): (usize, &Active)| {
         let (effect, form) = (all[*candidate].effect, all[*candidate].form);
         let kind = engine.model.catalogue().find(effect)?;
@@ -450,6 +472,7 @@ fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) ->
             form,
             place: kind.subsystem.name(),
             parameters: parameters.collect(),
+            shape: shapes.get(place).cloned().flatten(),
             probability: *selection.probabilities.get(place)?,
             alternatives: selection
                 .alternatives
@@ -473,7 +496,7 @@ fn named(engine: &Engine<MuscleModel>, selection: &Selection, taken: &Fitted) ->
         .collect()
 }
 
-fn blocks(model: &MuscleModel, null: &Fitted, taken: &Fitted) -> Vec<BlockOf> {
+pub(super) fn blocks(model: &impl Model, null: &Fitted, taken: &Fitted) -> Vec<BlockOf> {
     // Where nothing is named, before is as after, not as it was compared.
     let named = !taken.candidates.is_empty();
     let null = if named { null } else { taken };

@@ -1,5 +1,6 @@
 //! The gap between a simulated record and the measured one.
 
+use crate::error::significant;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, Record};
 use crate::report::{Axis, Plot, Report, Role, Section, Series, Table};
 use muscle_plant::simulation::Simulated;
@@ -59,15 +60,6 @@ pub fn gaps(measured: &Record, simulated: &Record, which: Simulated) -> Vec<Gap>
         })
     });
     gaps.collect()
-}
-
-/// A number with four significant digits.
-pub(crate) fn significant(value: f64) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    let before_point = value.abs().max(1e-9).log10().floor() as i32;
-    format!("{value:.*}", (3 - before_point).clamp(0, 9) as usize)
 }
 
 /// A report with plots of both records and a table of their gaps.

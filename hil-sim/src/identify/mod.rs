@@ -6,6 +6,7 @@ pub mod diagnosis;
 pub mod gap;
 mod initial;
 mod inputs;
+pub mod leak_down;
 pub mod muscle;
 pub mod provenance;
 pub mod repeats;

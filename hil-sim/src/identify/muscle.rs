@@ -21,7 +21,7 @@ use crate::error::BadInput;
 use crate::identify::repeats::force_repeatability_n;
 use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
-use crate::rig::{Rig, Tolerance};
+use crate::rig::{KEYS, Key, Rig, Tolerance};
 use begin::{UNKNOWNS, begun_best, without};
 use force::{Force, ForceRange, Forces};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
@@ -97,6 +97,22 @@ const ROUNDING: f64 = 1e-12;
 fn moved_by(tolerance: &Tolerance, deviations: f64) -> f64 {
     (1.0 + tolerance.relative_sigma * deviations).max(LEAST_SHARE)
 }
+
+/// What is above 0 of a muscle.
+type Positive = fn(&Rig) -> Vec<f64>;
+
+/// Values of the muscle that may each be within their range and together be no muscle, and what
+/// they must keep above 0: its pull at rest, its volumes.
+const TOGETHER: [(&[&str], Positive); 2] = [
+    (&["alpha_m2", "beta_m2"], |rig| {
+        vec![rig.nominal.muscle.alpha_m2 + rig.nominal.muscle.beta_m2]
+    }),
+    (&["volume_d1_m3", "volume_d2_m3", "volume_d3_m3"], |rig| {
+        rig.volumes_m3().map(|(_, volume_m3)| volume_m3).collect()
+    }),
+];
+/// Halvings that find how far values may be moved, to a millionth.
+const HALVINGS: u32 = 20;
 
 /// The blocks on which a nominal value of a section acts.
 fn blocks_of(section: &str, key: &str) -> &'static [&'static str] {
@@ -300,7 +316,7 @@ impl MuscleModel {
     /// `nominal` with a static friction that is not below the Coulomb friction, or, if only that
     /// has a tolerance, a Coulomb friction that is not above the static one: each is fitted for
     /// itself, and a weight that breaks away below its Coulomb friction stops at once, without end.
-    pub fn with_static_friction_above_coulomb(&self, mut nominal: Vec<f64>) -> Vec<f64> {
+    fn with_static_friction_above_coulomb(&self, mut nominal: Vec<f64>) -> Vec<f64> {
         let loads = [
             self.rig.nominal.load,
             self.fitted(&nominal, []).nominal.load,
@@ -322,6 +338,58 @@ impl MuscleModel {
             set(place, to_n / from.coulomb_friction_n);
         }
         nominal
+    }
+
+    /// `nominal` of a rig that can be read: each value within the range of its key, and, where
+    /// several together leave less than a twentieth of the nominal volume or of the pull at rest,
+    /// these moved back toward the nominal rig. The fitted records may not reach there.
+    pub fn readable(&self, mut nominal: Vec<f64>) -> Vec<f64> {
+        let mut rig = self.rig.clone();
+        for (tolerance, deviation) in self.rig.tolerances.iter().zip(&mut nominal) {
+            let is_its = |key: &&Key| key.section == tolerance.section && key.name == tolerance.key;
+            let key = KEYS.iter().find(is_its);
+            if let Some((key, value)) = key.and_then(|key| Some((key, *(key.value)(&mut rig)?))) {
+                let moved = value * moved_by(tolerance, *deviation);
+                let within = moved.clamp(key.min, key.max);
+                if within != moved {
+                    *deviation = (within / value - 1.0) / tolerance.relative_sigma;
+                }
+            }
+        }
+        for (keys, positive) in TOGETHER {
+            let least = positive(&self.rig);
+            let moved = |share: f64| -> Vec<f64> {
+                let values = self.rig.tolerances.iter().zip(&nominal);
+                let values = values.map(|(tolerance, deviation)| {
+                    let is_one =
+                        tolerance.section == "muscle" && keys.contains(&&tolerance.key[..]);
+                    if is_one {
+                        share * deviation
+                    } else {
+                        *deviation
+                    }
+                });
+                values.collect()
+            };
+            let is_muscle = |share: f64| {
+                let left = positive(&self.fitted(&moved(share), []));
+                let mut both = left.iter().zip(&least);
+                both.all(|(left, least)| *left >= LEAST_SHARE * least)
+            };
+            if !is_muscle(1.0) {
+                let (mut share, mut beyond) = (0.0, 1.0);
+                for _ in 0..HALVINGS {
+                    let middle = 0.5 * (share + beyond);
+                    if is_muscle(middle) {
+                        share = middle;
+                    } else {
+                        beyond = middle;
+                    }
+                }
+                nominal = moved(share);
+            }
+        }
+        self.with_static_friction_above_coulomb(nominal)
     }
 
     /// Where a nominal value stands among those with a tolerance.
@@ -713,6 +781,40 @@ mod tests {
             // What needed no change has none.
             let again = model.with_static_friction_above_coulomb(nominal.clone());
             assert_eq!(again, nominal);
+        }
+    }
+
+    /// A volume that is negative at a contraction of 0.3, a muscle that pushes at rest, and a room
+    /// at 90 K: what is written can be read, is changed no more than that, and only where it must.
+    #[test]
+    fn a_fitted_rig_can_be_read() {
+        let tolerances = "\n[tolerance.muscle]\nalpha_m2 = 0.05\nbeta_m2 = 0.04\n\
+                          volume_d1_m3 = 0.05\nvolume_d3_m3 = 0.05\n\
+                          [tolerance.gas]\nambient_temperature_k = 0.01\n";
+        let text = format!("{}{tolerances}", Rig::REFERENCE_TOML);
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let mut record = Record::new((0..200).map(|row| 0.01 * f64::from(row)).collect());
+        record.set(PRESSURE_PA, vec![3e5; 200]);
+        record.set(CONTRACTION, vec![0.1; 200]);
+        let model = MuscleModel::new(&rig, &[record], &[], &[]).expect("a model");
+        let written = |nominal: &[f64]| {
+            let written = model.fitted(nominal, []).rewritten(&text).expect("TOML");
+            Rig::parse("rig.fitted.toml", &written).map_err(|error| error.to_string())
+        };
+        for (place, moved, says) in [
+            (0, [-18.0, 0.5, 0.1, -0.1, 1.0], "muscle.beta_m2"),
+            (2, [0.2, 0.5, 40.0, -5.0, 1.0], "a volume above 0"),
+            (4, [0.2, 0.5, 0.1, -0.1, -70.0], "from 150 to 500"),
+        ] {
+            let refused = written(&moved).expect_err("refused as it is fitted");
+            assert!(refused.contains(says), "{refused}");
+            let nominal = model.readable(moved.to_vec());
+            written(&nominal).expect("a rig");
+            let changed = |place: &usize| nominal[*place] != moved[*place];
+            let changed: Vec<usize> = (0..5).filter(changed).collect();
+            assert_eq!(changed[0], place, "{nominal:?}");
+            assert!(changed.len() <= 2 && changed.iter().all(|own| own / 2 == place / 2));
+            assert_eq!(model.readable(nominal.clone()), nominal);
         }
     }
 

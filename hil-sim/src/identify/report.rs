@@ -1,11 +1,13 @@
 //! The diagnosis as a person reads it.
 
-use super::diagnosis::{Diagnosed, Diagnosis, GapOf, Hypothesis, Named};
-use crate::identify::gap::{SIGNALS, Signal, significant};
+use super::diagnosis::{Diagnosis, GapOf, Hypothesis, Named};
+use crate::error::significant;
+use crate::identify::gap::{SIGNALS, Signal};
 use crate::record::Record;
 use crate::report::{Axis, Marker, Plot, Report, Role, Section, Series, Table};
 use model_discrepancy::left::Profile;
 use model_discrepancy::verdict::Verdict;
+use muscle_plant::effects::Catalogue;
 
 /// Sets that are shown in the table, and in words.
 const SHOWN: usize = 12;
@@ -225,12 +227,12 @@ fn gap_table(diagnosis: &Diagnosis) -> Table {
     }
 }
 
-/// Each signal of a validation record, measured and as both rigs run freely.
+/// Each signal of a record, measured and as both rigs run freely.
 fn over_time(
     diagnosis: &Diagnosis,
     measured: &Record,
     runs: &[Record; 2],
-    number: usize,
+    record: &str,
 ) -> Vec<Plot> {
     let time_s = measured.time_s();
     let plot = |signal: &Signal| {
@@ -249,7 +251,7 @@ fn over_time(
             y: Axis::new(label, unit, factor),
             series,
             markers: Vec::new(),
-            sync: Some(format!("validation {number}")),
+            sync: Some(record.into()),
         };
         let noise = diagnosis.gap_of(name).map_or(0.0, |gap| gap.noise);
         let gap = |name: &str, role: Role, is: &[f64]| {
@@ -275,11 +277,22 @@ fn over_time(
             gap("fitted rig", Role::Fitted, fitted),
         ];
         Some([
-            plot(format!("Validation record {number}: {label}"), lines),
+            plot(format!("{record}: {label}"), lines),
             plot(format!("Its gap in {label}, simulated − measured"), gaps),
         ])
     };
     SIGNALS.iter().filter_map(plot).flatten().collect()
+}
+
+fn coordinate_axis(coordinate: &str, unit: &str) -> Axis {
+    let (unit, factor) = match (coordinate, unit) {
+        (_, "Pa") => ("kPa", 1e-3),
+        (_, "Pa/s") => ("kPa/s", 1e-3),
+        ("contraction", _) => ("%", 100.0),
+        ("rate", _) => ("%/s", 100.0),
+        (_, unit) => (unit, 1.0),
+    };
+    Axis::new(coordinate, unit, factor)
 }
 
 /// Mean square residual of a block against a coordinate.
@@ -299,14 +312,7 @@ fn against(block: &str, before: &Profile, after: &Profile) -> Plot {
         let line = Series::new(name, x, y);
         if directions { line.points() } else { line }
     };
-    let (unit, factor) = match (before.coordinate, before.unit) {
-        (_, "Pa") => ("kPa", 1e-3),
-        (_, "Pa/s") => ("kPa/s", 1e-3),
-        ("contraction", _) => ("%", 100.0),
-        ("rate", _) => ("%/s", 100.0),
-        (_, unit) => (unit, 1.0),
-    };
-    let axis = Axis::new(before.coordinate, unit, factor);
+    let axis = coordinate_axis(before.coordinate, before.unit);
     let axis = if directions {
         axis.named(DIRECTIONS.to_vec())
     } else {
@@ -351,6 +357,37 @@ fn effect_table(diagnosis: &Diagnosis) -> Table {
     }
 }
 
+/// How large a named effect is over a quantity, beside its form.
+fn shape_plot(effect: &Named) -> Option<Plot> {
+    let shape = effect.shape.as_ref()?;
+    let series = |name: &str, values: &[f64]| Series::new(name, shape.at.clone(), values.to_vec());
+    let ends = |sign: f64| -> Vec<f64> {
+        let pairs = shape.value.iter().zip(&shape.sd);
+        pairs.map(|(value, sd)| value + sign * 1.96 * sd).collect()
+    };
+    Some(Plot {
+        title: format!("{}: size over {}", effect.name, shape.coordinate),
+        caption: format!(
+            "In the size that the form {} has with its parameters, and its 95 % interval",
+            effect.form
+        ),
+        x: coordinate_axis(shape.coordinate, shape.unit),
+        y: Axis::new("size", "1", 1.0),
+        series: vec![
+            series("form", &vec![1.0; shape.at.len()]).role(Role::Nominal),
+            series("found", &shape.value).role(Role::Fitted),
+            series("95 % interval, low", &ends(-1.0))
+                .role(Role::Fitted)
+                .dashed(),
+            series("95 % interval, high", &ends(1.0))
+                .role(Role::Fitted)
+                .dashed(),
+        ],
+        markers: Vec::new(),
+        sync: None,
+    })
+}
+
 fn posterior_table(diagnosis: &Diagnosis) -> Table {
     let row = |own: &Hypothesis| vec![set_in_words(own), percent(own.probability)];
     Table {
@@ -381,8 +418,7 @@ fn calibrated_table(diagnosis: &Diagnosis) -> Table {
 }
 
 /// What is missing, why, and what else it could be.
-fn missing(diagnosed: &Diagnosed) -> Section {
-    let diagnosis = &diagnosed.diagnosis;
+fn missing(diagnosis: &Diagnosis, catalogue: &Catalogue) -> Section {
     let marks = diagnosis.effects.iter().map(|effect| {
         let evidence = &effect.evidence;
         let gain = evidence.gain_nats.map_or_else(String::new, |nats| {
@@ -402,7 +438,7 @@ fn missing(diagnosed: &Diagnosed) -> Section {
         .effects
         .iter()
         .flat_map(|effect| &effect.alternatives);
-    let others = others.filter_map(|name| diagnosed.fitted.catalogue.find(name));
+    let others = others.filter_map(|name| catalogue.find(name));
     let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.signature));
     let mut section = Section {
         heading: "What is missing".into(),
@@ -413,19 +449,29 @@ fn missing(diagnosed: &Diagnosed) -> Section {
         section.tables.push(effect_table(diagnosis));
     }
     section
+        .plots
+        .extend(diagnosis.effects.iter().filter_map(shape_plot));
+    section
 }
 
-/// The report of a diagnosis; `rig_toml` is the fitted rig's file.
-pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Report {
-    let diagnosis = &diagnosed.diagnosis;
+/// The report of a diagnosis by the effects of `catalogue`, with records, of this name, and their
+/// free runs; `rig_toml` is the fitted rig's file, if there is a rig.
+pub fn report(
+    diagnosis: &Diagnosis,
+    catalogue: &Catalogue,
+    (name, records, free_runs): (&str, &[Record], &[[Record; 2]]),
+    rig_toml: Option<&str>,
+) -> Report {
     let mut gap = Section {
         heading: "The gap".into(),
-        tables: vec![gap_table(diagnosis)],
         ..Section::default()
     };
-    for (number, (record, runs)) in validate.iter().zip(&diagnosed.free_runs).enumerate() {
-        gap.plots
-            .extend(over_time(diagnosis, record, runs, number + 1));
+    if !diagnosis.gap.is_empty() {
+        gap.tables.push(gap_table(diagnosis));
+    }
+    for (number, (record, runs)) in records.iter().zip(free_runs).enumerate() {
+        let name = format!("{name} {}", number + 1);
+        gap.plots.extend(over_time(diagnosis, record, runs, &name));
     }
     let mut where_it_lives = Section {
         heading: "Where the residual lives".into(),
@@ -448,12 +494,18 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
         .iter()
         .map(|s| format!("{} {:.1} s", s.stage, s.spent_s));
     let stages: Vec<String> = stages.collect();
+    let fitted = rig_toml.map(|toml| Section {
+        heading: "The fitted rig".into(),
+        text: vec!["rig.fitted.toml, which every command takes.".into()],
+        code: toml.into(),
+        ..Section::default()
+    });
     Report {
         title: "Diagnosis".into(),
         verdict: sentences(diagnosis),
         sections: vec![
             gap,
-            missing(diagnosed),
+            missing(diagnosis, catalogue),
             where_it_lives,
             Section {
                 heading: "How probable it is".into(),
@@ -461,13 +513,10 @@ pub fn report(diagnosed: &Diagnosed, validate: &[Record], rig_toml: &str) -> Rep
                 tables: vec![posterior_table(diagnosis), calibrated_table(diagnosis)],
                 ..Section::default()
             },
-            Section {
-                heading: "The fitted rig".into(),
-                text: vec!["rig.fitted.toml, which every command takes.".into()],
-                code: rig_toml.into(),
-                ..Section::default()
-            },
-        ],
+        ]
+        .into_iter()
+        .chain(fitted)
+        .collect(),
         repeat: Vec::new(),
     }
 }

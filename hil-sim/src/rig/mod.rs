@@ -118,15 +118,12 @@ impl Rig {
             );
             return Err(self.bad("muscle.beta_m2", &found));
         }
-        if let Some(volume) = &self.nominal.volume {
-            for contraction in VOLUME_CONTRACTIONS {
-                let volume_m3 = volume.volume_m3(contraction);
-                if volume_m3 <= 0.0 {
-                    let found = format!(
-                        "a volume above 0, found {volume_m3:e} m³ at contraction {contraction}"
-                    );
-                    return Err(self.bad("muscle.volume_d1_m3", &found));
-                }
+        for (contraction, volume_m3) in self.volumes_m3() {
+            if volume_m3 <= 0.0 {
+                let found = format!(
+                    "a volume above 0, found {volume_m3:e} m³ at contraction {contraction}"
+                );
+                return Err(self.bad("muscle.volume_d1_m3", &found));
             }
         }
         if let Load::Weight(weight) = &self.nominal.load {
@@ -137,6 +134,14 @@ impl Rig {
             }
         }
         Ok(())
+    }
+
+    /// The contractions at which the muscle must have a volume, and the volume there.
+    pub(crate) fn volumes_m3(&self) -> impl Iterator<Item = (f64, f64)> {
+        let volume = self.nominal.volume.iter();
+        volume.flat_map(|volume| {
+            VOLUME_CONTRACTIONS.map(|contraction| (contraction, volume.volume_m3(contraction)))
+        })
     }
 
     /// The value at `section.key`, if the rig has it.

@@ -11,6 +11,7 @@ use model_core::link::{
 };
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, DacCount, EncoderCount};
+use model_core::supervisor::Mode;
 use model_core::timing::Timing;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -40,6 +41,8 @@ pub struct InMemory {
     to_pc: Vec<u8>,
     to_next_tick: Duration,
     valve: DacCount,
+    /// It plays what the program sends tick by tick.
+    pub playing: bool,
     /// Travel of the weight \[m\] at which the user presses Ctrl-C.
     pub interrupt: Option<(f64, Arc<AtomicBool>)>,
     /// Travel of the weight \[m\] from which no command reaches the board, for so many ticks.
@@ -63,6 +66,7 @@ impl InMemory {
             to_pc: Vec::new(),
             to_next_tick: TICK,
             valve: DacCount::default(),
+            playing: false,
             interrupt: None,
             silence: None,
         };
@@ -174,6 +178,7 @@ impl InMemory {
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
         self.valve = tick.valve;
+        self.playing = tick.telemetry.output.mode == Mode::Playing;
         if let Some((_, stop)) = self.interrupt.take_if(|(at_m, _)| moved_m > *at_m) {
             stop.store(true, Ordering::Relaxed);
         }

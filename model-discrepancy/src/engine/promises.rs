@@ -260,9 +260,6 @@ mod tests {
         fn proportional(&self, _: usize) -> bool {
             true
         }
-        fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-            Some(0.0)
-        }
         fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
             Vec::new()
         }

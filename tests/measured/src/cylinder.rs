@@ -190,10 +190,6 @@ impl Model for Cylinder {
         true
     }
 
-    fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-        Some(0.0)
-    }
-
     fn timeline(&self, record: usize, _: usize) -> Timeline {
         let time_s = self.runs[record].time_s.clone();
         Timeline {

@@ -158,10 +158,6 @@ impl Model for Tanks {
         false
     }
 
-    fn free_run(&self, _: usize, _: &[f64], _: &[Active]) -> Option<f64> {
-        Some(0.0)
-    }
-
     fn context(&self, record: usize, _: usize) -> Vec<Coordinate> {
         vec![Coordinate {
             name: "time",

@@ -43,11 +43,7 @@ fn effects_found_on_real_rigs_reduce_the_error_on_held_out_runs() {
     // At its rest length Eq 1 alone is within 1 %; contracted, the force begins late.
     let rest = of("20 mm muscle at rest length");
     assert!(rest.calibrated < 0.01 * rest.range, "{}", rest.calibrated);
-    for set in [
-        "12 % contracted",
-        "of 20 cm, four lengths",
-        "of 30 cm, four lengths",
-    ] {
+    for set in ["12 % contracted", "of 20 cm, four lengths"] {
         let late = ["dead-band", "bladder-elasticity", "slack"];
         let named = names(of(set));
         assert!(

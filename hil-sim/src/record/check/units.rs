@@ -6,7 +6,7 @@
 //! its force law (Eq 1) predicts pressure, contraction or force from the other two.
 
 use super::{Check, Finding, quantile};
-use crate::error::BadInput;
+use crate::error::{BadInput, significant};
 use crate::plausible::{
     CONTRACTION_MAX, CONTRACTION_USED, DATES_D, FORCE_FACTOR, GAUGE_NOISE_PA_MIN, LAG_S_MAX,
     PERIOD_S_DOUBTFUL, PERIOD_S_MAX, PERIOD_S_MIN, PRESSURE_BURST_PA, PRESSURE_IDLE_PA,
@@ -115,6 +115,10 @@ impl Range {
     fn largest(&self) -> f64 {
         self.low.abs().max(self.high.abs())
     }
+}
+
+fn from_to(low: f64, high: f64) -> String {
+    format!("{} to {}", significant(low), significant(high))
 }
 
 /// The muscle's force law, and what it carries.
@@ -341,7 +345,8 @@ impl<'a> Evidence<'a> {
         if highest > PRESSURE_BURST_PA {
             let expected = format!(
                 "gauge pressures in Pa up to {PRESSURE_BURST_PA:e}, at which any muscle bursts, \
-                 found {highest}"
+                 found {}",
+                significant(highest)
             );
             return Some(Doubt {
                 signal: name,
@@ -355,7 +360,9 @@ impl<'a> Evidence<'a> {
         }
         let beside = self.beside(name, highest);
         let why = match &beside {
-            Some((other, other_pa)) => format!("while `{other}` reaches {other_pa:.4}"),
+            Some((other, other_pa)) => {
+                format!("while `{other}` reaches {}", significant(*other_pa))
+            }
             None => format!("while {}", self.used(name)?),
         };
         let factor = match &beside {
@@ -372,7 +379,8 @@ impl<'a> Evidence<'a> {
         let most_pa = 2.0 * most_pa.unwrap_or(PRESSURE_WORKING_PA_MAX);
         let works = |size: f64| (PRESSURE_WORKING_PA_MIN..=most_pa).contains(&(size * highest));
         let (unit, _) = nearest(&PRESSURE_UNITS, factor, works)?;
-        let expected = format!("gauge pressures in Pa, found at most {highest} {why}");
+        let found = significant(highest);
+        let expected = format!("gauge pressures in Pa, found at most {found} {why}");
         let sign = match self.range(name)? {
             Range { low, high } if high < ONE_SIDED * low.abs() => ",scale=-1",
             _ => "",
@@ -425,7 +433,8 @@ impl<'a> Evidence<'a> {
         let Range { low, high } = self.range(name)?;
         let is_mostly = self.range_at(name, 0.5)? < 0.0;
         let is_wrong = low < -PRESSURE_WORKING_PA_MIN && high < ONE_SIDED * -low && is_mostly;
-        let expected = format!("gauge pressures, which fill the muscle, found {low} to {high}");
+        let found = from_to(low, high);
+        let expected = format!("gauge pressures, which fill the muscle, found {found}");
         is_wrong.then(|| Doubt::new(name, expected, "of the other sign", "Pa,scale=-1"))
     }
 
@@ -552,7 +561,8 @@ impl<'a> Evidence<'a> {
             let factor = used.flatten().unwrap_or(0.5 * CONTRACTION_MAX / largest);
             let expected = format!(
                 "contractions y/L as a ratio, of which no braided muscle has more than 0.423, \
-                 found {low} to {high}"
+                 found {}",
+                from_to(low, high)
             );
             return Some(match (nearest(&units, factor, fits), mm) {
                 (Some(("mm", _)), Some(size)) => {
@@ -576,8 +586,8 @@ impl<'a> Evidence<'a> {
             return None;
         }
         let expected = format!(
-            "contractions, which grow with the pressure, found {low} to {high} (correlation \
-             {driven:.2})"
+            "contractions, which grow with the pressure, found {} (correlation {driven:.2})",
+            from_to(low, high)
         );
         let unit = "1,scale=-1";
         Some(Doubt::new(CONTRACTION, expected, "of the other sign", unit))
@@ -611,7 +621,8 @@ impl<'a> Evidence<'a> {
         // A muscle that lifts something pulls.
         let lifts = high < 0.0 && self.driven(CONTRACTION) > FOLLOWS;
         if is_opposite || is_one_sided && (opposes || lifts) {
-            let expected = format!("forces of a muscle, which pulls, found {low} to {high}");
+            let found = from_to(low, high);
+            let expected = format!("forces of a muscle, which pulls, found {found}");
             let unit = "N,scale=-1";
             return Some(Doubt::new(FORCE_N, expected, "of the other sign", unit));
         }
@@ -732,14 +743,16 @@ impl<'a> Evidence<'a> {
             true => "degC",
             false => "degF",
         };
-        let expected = format!("absolute temperatures in K, found {low} to {high}");
+        let found = from_to(low, high);
+        let expected = format!("absolute temperatures in K, found {found}");
         Some(Doubt::new(TEMPERATURE_K, expected, unit, unit))
     }
 
     /// Millimetres in place of metres.
     fn finger(&self) -> Option<Doubt> {
         let largest = self.range(FINGER_M)?.largest();
-        let expected = format!("metres, of which an arm reaches {REACH_M}, found {largest}");
+        let found = significant(largest);
+        let expected = format!("metres, of which an arm reaches {REACH_M}, found {found}");
         (largest > REACH_M).then(|| Doubt::new(FINGER_M, expected, "mm", "mm"))
     }
 }

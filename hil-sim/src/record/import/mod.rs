@@ -20,6 +20,7 @@ use crate::record::{Record, TIME_S, in_range};
 use serde::{Deserialize, Serialize};
 use serde_spanned::Spanned;
 use source::Source;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 pub use times::Mended;
@@ -269,7 +270,7 @@ impl Map {
     pub fn of_record(file: &str, bytes: &[u8], units: &[String]) -> Result<Map, BadInput> {
         let bad = |expected: String| BadInput::file("--unit", expected);
         let layout = Layout::of_text(bytes);
-        let names = Source::open(file, bytes, &layout, &[])?.left_out(&[]);
+        let names = Source::open(file, bytes.into(), &layout, &[])?.left_out(&[]);
         let known = [(TIME_S, TIME)].into_iter().chain(TARGETS);
         let known: Vec<_> = known
             .filter(|(name, _)| names.iter().any(|found| found == name))
@@ -385,28 +386,32 @@ impl Map {
         Ok(())
     }
 
-    /// Imports the `bytes` of the file `name`.
+    /// Imports the `bytes` of the file `name`, which are freed early if they are given away.
     ///
     /// # Errors
     /// The file does not fit the mapping, with line and column.
-    pub fn import(&self, name: &str, bytes: &[u8]) -> Result<Imported, BadInput> {
+    pub fn import<'a>(
+        &'a self,
+        name: &str,
+        bytes: impl Into<Cow<'a, [u8]>>,
+    ) -> Result<Imported, BadInput> {
         let selectors = self.columns.values().map(|column| &column.column);
         let used: Vec<_> = selectors.chain(&self.time.get_ref().column).collect();
-        let source = Source::open(name, bytes, &self.file, &used)?;
-        let times = self.times(&source)?;
-        let mut record = Record::new(times.time_s);
+        let mut source = Source::open(name, bytes.into(), &self.file, &used)?;
+        let times = self.times(&mut source)?;
         let mut summary = Summary {
             format: source.format(),
             notes: source.notes().to_vec(),
             encoding: source.encoding(),
             rows_read: times.rows_read,
-            rows_written: times.rows.len(),
-            repeated_times: times.repeated,
-            restarted_times: times.restarted,
-            time: times.source,
+            rows_written: times.rows_read - times.dropped.len(),
+            repeated_times: times.repeated.clone(),
+            restarted_times: times.restarted.clone(),
+            time: times.source.clone(),
             columns: Vec::new(),
-            left_out: Vec::new(),
+            left_out: source.left_out(&used),
         };
+        let mut converted = Vec::new();
         for (target, units) in TARGETS {
             let mut columns = self.columns.iter();
             let Some((_, column)) = columns.find(|(key, _)| key.get_ref() == target) else {
@@ -415,42 +420,57 @@ impl Map {
             let key = format!("columns.{target}");
             let unit = unit_of(&self.place, &key, Some(&column.unit), units, &(0..0))?;
             let (values, column) =
-                column.convert(&source, target, unit, (times.rows_read, &times.rows))?;
-            record.set(target, values);
+                column.convert(&mut source, target, unit, (times.rows_read, &times.dropped))?;
+            converted.push((target, values));
             summary.columns.push(column);
         }
-        summary.left_out = source.left_out(&used);
+        // Of a long file there is memory for its bytes or for its times.
+        drop(source);
+        let mut record = Record::new(times.time_s());
+        for (target, values) in converted {
+            record.set(target, values);
+        }
         record.check_times_and_reference(name)?;
         Ok(Imported { record, summary })
     }
 }
 
 impl Column {
-    /// The samples of the kept `rows` in SI units; the file has `rows_read` rows.
+    /// The samples in SI units, but of the `dropped` rows; the file has `rows_read` rows.
     fn convert(
         &self,
-        source: &Source,
+        source: &mut Source,
         target: &'static str,
         unit: &Unit,
-        (rows_read, rows): (usize, &[u32]),
+        (rows_read, dropped): (usize, &[u32]),
     ) -> Result<(Vec<f64>, ColumnSummary), BadInput> {
-        let (name, read) = source.column(&self.column)?;
-        if read.len() != rows_read {
-            let expected = format!("{rows_read} rows as in other columns, found {}", read.len());
+        let (name, mut values) = source.column(&self.column)?;
+        if values.len() != rows_read {
+            let expected = format!(
+                "{rows_read} rows as in other columns, found {}",
+                values.len()
+            );
             return Err(source.bad_column(&name, &expected));
         }
         let (unit, factor, zero) = unit;
-        let mut values = Vec::with_capacity(rows.len());
         let (mut min, mut max) = (f64::INFINITY, f64::NEG_INFINITY);
-        for row in rows.iter().map(|row| *row as usize) {
-            let value = (read[row] * self.scale + self.offset) * factor + zero;
+        let mut dropped = dropped.iter().map(|row| *row as usize).peekable();
+        // In place, as a file may have millions of rows.
+        let mut kept = 0;
+        for row in 0..rows_read {
+            if dropped.next_if_eq(&row).is_some() {
+                continue;
+            }
+            let value = (values[row] * self.scale + self.offset) * factor + zero;
             if !value.is_nan() {
                 in_range(target, value)
                     .map_err(|why| source.bad(row, &name, &format!("what is {target} as {why}")))?;
                 (min, max) = (min.min(value), max.max(value));
             }
-            values.push(value);
+            values[kept] = value;
+            kept += 1;
         }
+        values.truncate(kept);
         let missing = values.iter().filter(|value| value.is_nan()).count();
         if missing == values.len() {
             let expected = format!("at least one sample of {target}, found none");

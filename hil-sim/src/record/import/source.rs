@@ -5,14 +5,10 @@ use super::{BadInput, Layout, Selector, formats};
 use crate::error::did_you_mean;
 use crate::record::{newlines, row_start};
 use std::borrow::Cow;
-use std::cell::Cell;
 
 /// The columns of one file.
 pub(super) struct Source<'a> {
     file: String,
-    /// Numbers that may still be read.
-    numbers_left: Cell<usize>,
-    numbers_max: usize,
     format: &'static str,
     notes: Vec<String>,
     kind: Kind<'a>,
@@ -20,7 +16,15 @@ pub(super) struct Source<'a> {
 
 enum Kind<'a> {
     Csv(Csv<'a>),
-    Variables(Vec<Variable>),
+    Variables(Variables),
+}
+
+/// The variables of a file that has more than columns.
+struct Variables {
+    variables: Vec<Variable>,
+    /// How many numbers may be read, and may still be.
+    numbers_max: usize,
+    numbers_left: usize,
 }
 
 /// A CSV file or a sheet, and the numbers of the columns that are used: a cell's text needs ten
@@ -49,7 +53,12 @@ struct Numbers {
     index: usize,
     values: Vec<f64>,
     bad: Option<(usize, String)>,
+    /// How many selectors will still ask for them.
+    uses: usize,
 }
+
+/// With which some programs begin a text in UTF-8.
+const BYTE_ORDER_MARK: char = '\u{feff}';
 
 /// How files of other programs begin, and the command that converts them.
 const OTHER_FORMATS: [(&[u8], &str); 8] = [
@@ -93,16 +102,24 @@ impl<'a> Source<'a> {
     /// The bytes are not of the format, with line.
     pub fn open(
         name: &str,
-        bytes: &'a [u8],
+        bytes: Cow<'a, [u8]>,
         layout: &'a Layout,
         used: &[&Selector],
     ) -> Result<Source<'a>, BadInput> {
-        let (kind, format, notes) = match formats::read(name, bytes, layout, used)? {
+        let (kind, format, notes) = match formats::read(name, &bytes, layout, used)? {
             Some(Content::Variables {
                 variables,
                 format,
                 notes,
-            }) => (Kind::Variables(variables), format, notes),
+            }) => {
+                let numbers_max = formats::numbers_max(bytes.len());
+                let variables = Variables {
+                    variables,
+                    numbers_max,
+                    numbers_left: numbers_max,
+                };
+                (Kind::Variables(variables), format, notes)
+            }
             Some(Content::Text {
                 text,
                 format,
@@ -117,11 +134,8 @@ impl<'a> Source<'a> {
                 Vec::new(),
             ),
         };
-        let numbers_max = formats::numbers_max(bytes.len());
         Ok(Source {
             file: name.into(),
-            numbers_left: Cell::new(numbers_max),
-            numbers_max,
             format,
             notes,
             kind,
@@ -176,34 +190,21 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// A column's name in messages and its numbers, one per row, NaN where one is missing.
+    /// A column's name in messages and its numbers, one per row, NaN where one is missing. Of the
+    /// columns for which [`Source::open`] was called, each may be asked for once.
     ///
     /// # Errors
     /// The file lacks the column, the column has no row, or a cell is not a finite number.
-    pub fn column(&self, selector: &Selector) -> Result<(String, Cow<'_, [f64]>), BadInput> {
+    pub fn column(&mut self, selector: &Selector) -> Result<(String, Vec<f64>), BadInput> {
         let name = selector.to_string();
-        let values = match &self.kind {
-            Kind::Csv(csv) => {
-                let index = csv
-                    .find(selector)
-                    .ok_or_else(|| self.bad_column(&name, &csv.not_found(selector)))?;
-                let column = csv.columns.iter().find(|column| column.index == index);
-                let column =
-                    column.ok_or_else(|| self.bad_column(&name, "a column that is used"))?;
-                if let Some((row, why)) = &column.bad {
-                    return Err(self.bad(*row, &name, why));
-                }
-                Cow::Borrowed(&column.values[..])
-            }
-            Kind::Variables(variables) => {
-                let (index, number) = find(variables, selector).ok_or_else(|| {
-                    let names: Vec<_> = variables.iter().map(Variable::words).collect();
-                    self.bad_column(&name, &one_of_names(&names, selector))
-                })?;
-                let read = self.read(&variables[index], number);
-                read.map_err(|why| self.bad_column(&name, &why))?
-            }
+        let read = match &mut self.kind {
+            Kind::Csv(csv) => csv.take(selector),
+            Kind::Variables(variables) => variables.read(selector).map_err(|why| (None, why)),
         };
+        let values = read.map_err(|(row, why)| match row {
+            Some(row) => self.bad(row, &name, &why),
+            None => self.bad_column(&name, &why),
+        })?;
         if values.is_empty() {
             return Err(self.bad_column(&name, "at least one row of samples, found none"));
         }
@@ -213,34 +214,25 @@ impl<'a> Source<'a> {
         Ok((name, values))
     }
 
-    /// The numbers of a variable's column, all of a vector if `number` is `None`.
-    ///
-    /// # Errors
-    /// What was expected: more numbers than a file of its size has, a damaged file.
-    fn read<'b>(
-        &self,
-        variable: &'b Variable,
-        number: Option<usize>,
-    ) -> Result<Cow<'b, [f64]>, String> {
-        let (height, max) = (variable.height, self.numbers_max);
-        let count = height.checked_mul(variable.width);
-        let left = count.and_then(|count| self.numbers_left.get().checked_sub(count));
-        let (Some(count), Some(left)) = (count, left) else {
-            let found = format!("{height} × {}", variable.width);
-            return Err(format!(
-                "at most {max} numbers of a file of its size, found {found}"
-            ));
-        };
-        self.numbers_left.set(left);
-        let values = variable.values.get(count, max)?;
-        let rows = number.map(|number| (number - 1) * height..number * height);
-        Ok(match (values, rows) {
-            (values, None) => values,
-            (Cow::Borrowed(values), Some(rows)) => Cow::Borrowed(values.get(rows).unwrap_or(&[])),
-            (Cow::Owned(values), Some(rows)) => {
-                Cow::Owned(values.get(rows).unwrap_or_default().to_vec())
+    /// The number of rows of a column; 0 if the file lacks it.
+    pub fn rows(&self, selector: &Selector) -> usize {
+        match &self.kind {
+            Kind::Csv(csv) => {
+                let column = csv.find(selector).and_then(|index| {
+                    let mut columns = csv.columns.iter();
+                    columns.find(|column| column.index == index)
+                });
+                column.map_or(0, |column| column.values.len())
             }
-        })
+            Kind::Variables(variables) => match variables.find(selector) {
+                Some((index, None)) => {
+                    let variable = &variables.variables[index];
+                    variable.height.saturating_mul(variable.width)
+                }
+                Some((index, Some(_))) => variables.variables[index].height,
+                None => 0,
+            },
+        }
     }
 
     /// The names of the columns that are not among `used`.
@@ -253,9 +245,9 @@ impl<'a> Source<'a> {
                 rest.map(|(_, name)| name.clone()).collect()
             }
             Kind::Variables(variables) => {
-                let used = used.iter().filter_map(|used| find(variables, used));
+                let used = used.iter().filter_map(|used| variables.find(used));
                 let used: Vec<_> = used.map(|(index, _)| index).collect();
-                let rest = variables.iter().enumerate();
+                let rest = variables.variables.iter().enumerate();
                 let rest = rest.filter(|(index, _)| !used.contains(index));
                 rest.map(|(_, variable)| variable.words()).collect()
             }
@@ -266,7 +258,7 @@ impl<'a> Source<'a> {
 impl<'a> Csv<'a> {
     fn open(
         name: &str,
-        bytes: &'a [u8],
+        bytes: Cow<'a, [u8]>,
         layout: &'a Layout,
         used: &[&Selector],
     ) -> Result<Csv<'a>, BadInput> {
@@ -298,16 +290,22 @@ impl<'a> Csv<'a> {
                             byte of 0, as in a picture, a document or a program";
             return Err(BadInput::file(name, expected));
         }
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let utf_8 = std::str::from_utf8(bytes);
-        let text = utf_8.map_or_else(
-            // Latin-1 is the first 256 code points of Unicode.
-            |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
-            Cow::Borrowed,
-        );
-        let kind = match utf_8 {
-            Ok(_) => Text::Csv,
-            Err(_) => Text::Latin1,
+        let utf_8 = match bytes {
+            Cow::Borrowed(bytes) => std::str::from_utf8(bytes)
+                .map(Cow::Borrowed)
+                .map_err(|_| Cow::Borrowed(bytes)),
+            Cow::Owned(bytes) => String::from_utf8(bytes)
+                .map(Cow::Owned)
+                .map_err(|error| Cow::Owned(error.into_bytes())),
+        };
+        let (text, kind) = match utf_8 {
+            Ok(text) => (text, Text::Csv),
+            Err(bytes) => {
+                let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+                // Latin-1 is the first 256 code points of Unicode.
+                let text = bytes.iter().map(|byte| char::from(*byte)).collect();
+                (Cow::Owned(text), Text::Latin1)
+            }
         };
         Csv::read(name, text, kind, layout, used)
     }
@@ -390,15 +388,42 @@ impl<'a> Csv<'a> {
 
     /// The columns that are used, without numbers.
     fn empty_columns(&self, used: &[&Selector]) -> Vec<Numbers> {
-        let mut indices: Vec<_> = used.iter().filter_map(|used| self.find(used)).collect();
-        indices.sort_unstable();
-        indices.dedup();
-        let empty = indices.into_iter().map(|index| Numbers {
-            index,
-            values: Vec::new(),
-            bad: None,
-        });
-        empty.collect()
+        let mut columns: Vec<Numbers> = Vec::new();
+        for index in used.iter().filter_map(|used| self.find(used)) {
+            match columns.iter_mut().find(|column| column.index == index) {
+                Some(column) => column.uses += 1,
+                None => columns.push(Numbers {
+                    index,
+                    values: Vec::new(),
+                    bad: None,
+                    uses: 1,
+                }),
+            }
+        }
+        columns
+    }
+
+    /// The numbers of a column: a copy, unless it is asked for the last time.
+    ///
+    /// # Errors
+    /// The file lacks the column, or has a cell that is no number, with its row.
+    fn take(&mut self, selector: &Selector) -> Result<Vec<f64>, (Option<usize>, String)> {
+        let index = self
+            .find(selector)
+            .ok_or_else(|| (None, self.not_found(selector)))?;
+        let column = self
+            .columns
+            .iter_mut()
+            .find(|column| column.index == index && column.uses > 0)
+            .ok_or_else(|| (None, "a column that is used".into()))?;
+        if let Some((row, why)) = &column.bad {
+            return Err((Some(*row), why.clone()));
+        }
+        column.uses -= 1;
+        Ok(match column.uses {
+            0 => std::mem::take(&mut column.values),
+            _ => column.values.clone(),
+        })
     }
 
     /// The line of a row.
@@ -459,6 +484,59 @@ impl<'a> Csv<'a> {
     }
 }
 
+impl Variables {
+    /// The numbers of a variable's column, or of a vector.
+    ///
+    /// # Errors
+    /// What was expected: another name, more numbers than a file of its size has, a damaged file.
+    fn read(&mut self, selector: &Selector) -> Result<Vec<f64>, String> {
+        let (index, number) = self.find(selector).ok_or_else(|| {
+            let names: Vec<_> = self.variables.iter().map(Variable::words).collect();
+            one_of_names(&names, selector)
+        })?;
+        let (variable, max) = (&self.variables[index], self.numbers_max);
+        let (height, width) = (variable.height, variable.width);
+        let count = height.checked_mul(width);
+        let left = count.and_then(|count| self.numbers_left.checked_sub(count));
+        let (Some(count), Some(left)) = (count, left) else {
+            return Err(format!(
+                "at most {max} numbers of a file of its size, found {height} × {width}"
+            ));
+        };
+        self.numbers_left = left;
+        let values = variable.values.get(count, max)?;
+        Ok(match number {
+            None => values.into_owned(),
+            Some(number) => {
+                let rows = (number - 1) * height..number * height;
+                values.get(rows).unwrap_or_default().to_vec()
+            }
+        })
+    }
+
+    /// Finds a vector by its name, a column of a matrix by `name(:,number)`, numbered from 1.
+    fn find(&self, selector: &Selector) -> Option<(usize, Option<usize>)> {
+        let Selector::Name(wanted) = selector else {
+            return None;
+        };
+        let (name, number) = match wanted
+            .strip_suffix(')')
+            .and_then(|name| name.split_once("(:,"))
+        {
+            Some((name, number)) => (name, Some(number.trim().parse::<usize>().ok()?)),
+            None => (wanted.as_str(), None),
+        };
+        let mut variables = self.variables.iter();
+        let index = variables.position(|variable| variable.name == name)?;
+        let variable = &self.variables[index];
+        let is_there = match number {
+            None => variable.is_vector(),
+            Some(number) => (1..=variable.width).contains(&number),
+        };
+        is_there.then_some((index, number))
+    }
+}
+
 /// What is expected in place of a `selector` that is none of `names`.
 fn one_of_names(names: &[String], selector: &Selector) -> String {
     let listed: Vec<_> = names.iter().map(|name| format!("`{name}`")).collect();
@@ -484,6 +562,7 @@ struct Rows<'a> {
 impl<'a> Rows<'a> {
     /// The rows of a file from its header on.
     fn of(text: &'a str, layout: &Layout) -> Rows<'a> {
+        let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
         let lines = text.split_inclusive('\n').take(layout.skip_lines);
         let skipped: usize = lines.map(str::len).sum();
         let text = &text.as_bytes()[skipped..];
@@ -514,27 +593,4 @@ impl<'a> Rows<'a> {
     fn line(&self) -> usize {
         self.first_line + newlines(&self.text[..self.begin])
     }
-}
-
-/// Finds a vector by its name, a column of a matrix by `name(:,number)`, numbered from 1.
-fn find(variables: &[Variable], selector: &Selector) -> Option<(usize, Option<usize>)> {
-    let Selector::Name(wanted) = selector else {
-        return None;
-    };
-    let (name, number) = match wanted
-        .strip_suffix(')')
-        .and_then(|name| name.split_once("(:,"))
-    {
-        Some((name, number)) => (name, Some(number.trim().parse::<usize>().ok()?)),
-        None => (wanted.as_str(), None),
-    };
-    let index = variables
-        .iter()
-        .position(|variable| variable.name == name)?;
-    let variable = &variables[index];
-    let is_there = match number {
-        None => variable.is_vector(),
-        Some(number) => (1..=variable.width).contains(&number),
-    };
-    is_there.then_some((index, number))
 }

@@ -25,12 +25,14 @@ impl Mended {
     }
 }
 
-/// The rows that are kept and their times.
+/// The times of the rows that are kept.
 pub(super) struct Times {
-    /// As `u32`: files of gigabytes are refused before.
-    pub rows: Vec<u32>,
     pub rows_read: usize,
-    pub time_s: Vec<f64>,
+    /// The rows that are not kept, rising; as `u32`, as files of gigabytes are refused before.
+    pub dropped: Vec<u32>,
+    /// Those of a column, or the rate.
+    time_s: Vec<f64>,
+    rate_hz: Option<f64>,
     pub repeated: Mended,
     pub restarted: Mended,
     /// Source of the times, in words.
@@ -39,27 +41,19 @@ pub(super) struct Times {
 
 impl Map {
     /// The times of the rows.
-    pub(super) fn times(&self, source: &Source) -> Result<Times, BadInput> {
+    pub(super) fn times(&self, source: &mut Source) -> Result<Times, BadInput> {
         let map = self.time.get_ref();
         let mut times = Times::new(map);
         // The mapping has either a rate or a column.
         if let Some(rate_hz) = map.rate_hz {
             times.source = format!("the row's number, at {rate_hz} Hz");
-            if let Some(first) = self.columns.values().next() {
-                times.rows_read = source.column(&first.column)?.1.len();
-            }
-            times.rows = (0..times.rows_read as u32).collect();
-            times.time_s = times
-                .rows
-                .iter()
-                .map(|row| f64::from(*row) / rate_hz)
-                .collect();
+            let first = self.columns.values().next();
+            times.rows_read = first.map_or(0, |first| source.rows(&first.column));
         } else if let Some(selector) = &map.column {
             let section = self.time.span();
             let (unit, factor, _) =
                 unit_of(&self.place, "time", map.unit.as_ref(), TIME, &section)?;
-            let (name, read_s) = source.column(selector)?;
-            let mut read_s = read_s.into_owned();
+            let (name, mut read_s) = source.column(selector)?;
             for time_s in &mut read_s {
                 *time_s *= factor;
             }
@@ -87,9 +81,10 @@ impl Times {
             done,
         };
         Times {
-            rows: Vec::new(),
             rows_read: 0,
+            dropped: Vec::new(),
             time_s: Vec::new(),
+            rate_hz: map.rate_hz,
             repeated: mended(match map.repeated {
                 Repeated::Spread => "spread",
                 Repeated::Drop | Repeated::Refuse => "dropped",
@@ -99,6 +94,17 @@ impl Times {
                 Restarted::Drop | Restarted::Refuse => "dropped",
             }),
             source: String::new(),
+        }
+    }
+
+    /// The times of the rows that are kept \[s\].
+    pub fn time_s(self) -> Vec<f64> {
+        match self.rate_hz {
+            Some(rate_hz) => {
+                let rows = 0..self.rows_read;
+                rows.map(|row| row as f64 / rate_hz).collect()
+            }
+            None => self.time_s,
         }
     }
 
@@ -131,7 +137,10 @@ impl Times {
                 self.restarted.found(|| place(row));
                 match map.restarted {
                     Restarted::Refuse => return refused("time.restarted"),
-                    Restarted::Drop => continue,
+                    Restarted::Drop => {
+                        self.dropped.push(row as u32);
+                        continue;
+                    }
                     Restarted::Continue => {
                         shift_s += last_s + period_s - time_s;
                         time_s = last_s + period_s;
@@ -141,11 +150,13 @@ impl Times {
                 self.repeated.found(|| place(row));
                 match map.repeated {
                     Repeated::Refuse => return refused("time.repeated"),
-                    Repeated::Drop => continue,
+                    Repeated::Drop => {
+                        self.dropped.push(row as u32);
+                        continue;
+                    }
                     Repeated::Spread => {}
                 }
             }
-            self.rows.push(row as u32);
             self.time_s.push(time_s);
         }
         spread(&mut self.time_s, period_s);
