@@ -48,6 +48,7 @@ pub mod number;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod retreat;
 pub mod sampling;
 pub mod settings;
 pub mod signal;

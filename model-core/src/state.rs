@@ -4,6 +4,7 @@ use crate::compensation::CompensationState;
 use crate::consistency::{ForceBalance, PressureFollower};
 use crate::number::Number;
 use crate::plausibility::{BadTickCount, SensorMonitor};
+use crate::retreat::Retreat;
 use crate::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use crate::signal::EncoderCount;
 use crate::supervisor::{Decision, Fault, Mode};
@@ -59,6 +60,8 @@ pub struct State {
     pub follower: PressureFollower,
     /// Compares the muscle's force with the weight's.
     pub balance: ForceBalance,
+    /// The retreat from what carries the weight.
+    pub retreat: Retreat,
     /// State of the compensation.
     pub compensation: CompensationState,
 }

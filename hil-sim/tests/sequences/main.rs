@@ -9,6 +9,7 @@ mod plant;
 mod run;
 mod scenario;
 
+use body::CONTROLLED_M_PER_S;
 use case::{Case, Outcome};
 use hil_sim::faults::ablation::SafetyFunction;
 use run::{is_controlled, kept, most, run, run_all, tally};
@@ -53,6 +54,20 @@ fn what_the_controller_can_limit_stays_within_the_bounds_of_the_body() {
         .map(|(case, outcome)| (case.seed, kept(case, outcome), &case.events))
         .collect();
     assert!(violating.is_empty(), "seed, bounds, events: {violating:#?}");
+}
+
+/// A lever that is shaken with the weight's own frequency drives the weight up to 0.72 m/s within
+/// half a period, unless the reference stops driving it on.
+#[test]
+fn a_shaken_lever_does_not_drive_the_weight_beyond_its_speed() {
+    for seed in [6_452, 6_981, 18_473, 18_916, 24_404] {
+        let case = Case::new(seed);
+        let speeds = |outcome: Outcome| outcome.up_m_per_s.max(outcome.down_m_per_s);
+        let m_per_s = speeds(run(&case, None));
+        assert!(m_per_s < CONTROLLED_M_PER_S, "seed {seed}: {m_per_s} m/s");
+        let m_per_s = speeds(run(&case, Some(SafetyFunction::ReferenceSpeed)));
+        assert!(m_per_s > CONTROLLED_M_PER_S, "seed {seed}: {m_per_s} m/s");
+    }
 }
 
 #[test]
@@ -102,10 +117,16 @@ fn assert_needed(function: SafetyFunction, scenario: &str, bound: &str) {
 }
 
 /// A foot is below when the person lets the enabling device go.
+const FOOT: &str = "a foot below, then lets go";
+
 #[test]
 fn without_the_ramp_the_weight_hurts_a_foot() {
-    let scenario = "a foot below, then lets go";
-    assert_needed(SafetyFunction::VentRamp, scenario, "transient force");
+    assert_needed(SafetyFunction::VentRamp, FOOT, "transient force");
+}
+
+#[test]
+fn without_the_retreat_a_foot_stays_below_the_weight() {
+    assert_needed(SafetyFunction::Retreat, FOOT, "not released");
 }
 
 #[test]
