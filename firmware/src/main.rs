@@ -40,7 +40,7 @@ mod app {
     use model_core::device::{Command, Device, Pins};
     use model_core::gate::{Decision, SettingsGate, Verdict};
     use model_core::io::Request;
-    use model_core::link::{FromDevice, Identity, Signature, Telemetry, ToDevice, Written};
+    use model_core::link::{Crash, FromDevice, Identity, Signature, Telemetry, ToDevice, Written};
     use model_core::settings::SettingsValues;
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
@@ -122,9 +122,10 @@ mod app {
         let mut devices = Devices::new(cx.device, cx.core);
         let (settings, source) = devices.store.load();
         defmt::info!(
-            "reset cause: {}, note of the previous run: {}",
-            defmt::Debug2Format(&reset),
-            defmt::Debug2Format(&note)
+            "reset cause: {=str}; before it: crash {=str}, fault {=str}",
+            reset.name(),
+            note.crash.map_or("none", Crash::name),
+            note.fault.map_or("none", Fault::name)
         );
         if iwdg::STOPS_IN_DEBUG {
             defmt::warn!("a halt stops the watchdog: the valve's supply must be off");

@@ -196,6 +196,31 @@ pub enum Crash {
     Interrupt(i16),
 }
 
+impl ResetCause {
+    /// Its name, for the log.
+    pub fn name(self) -> &'static str {
+        match self {
+            ResetCause::Power => "Power",
+            ResetCause::Pin => "Pin",
+            ResetCause::Software => "Software",
+            ResetCause::Watchdog => "Watchdog",
+            ResetCause::Other => "Other",
+        }
+    }
+}
+
+impl Crash {
+    /// Its name, for the log; the identity has the details.
+    pub fn name(self) -> &'static str {
+        match self {
+            Crash::Panic { .. } => "Panic",
+            Crash::HardFault { .. } => "HardFault",
+            Crash::StackOverflow { .. } => "StackOverflow",
+            Crash::Interrupt(_) => "Interrupt",
+        }
+    }
+}
+
 /// Data that the firmware keeps across a reset, as a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
