@@ -6,7 +6,7 @@
 //! | 3        | [`app::tick`]         | every 10 ms          | 1 % of the period             |
 //! | 3        | `scan_bridge`         | every 625 µs, only with the feature `ads1220` | 2 %   |
 //! | 2        | [`app::serve_link`]   | every 1 ms           | what the tick leaves          |
-//! | 0        | [`app::idle`]         | otherwise            | writes logs, then sleeps      |
+//! | 0        | [`app::idle`]         | otherwise            | logs, self-test, sleeps       |
 //!
 //! The tasks exchange data through queues, without locks. Only masked interrupts can delay the
 //! tick: while a log entry is written, and while settings are stored, when the valve is at 0 V.
@@ -18,6 +18,7 @@ mod crash;
 mod driver;
 mod link;
 mod ram;
+mod self_test;
 
 use defmt_rtt as _;
 
@@ -34,6 +35,7 @@ mod app {
     use crate::driver::iwdg::{self, Iwdg};
     use crate::driver::valve::{self, Valve};
     use crate::link::{self, Link};
+    use crate::self_test::{self, SelfTest};
     use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
@@ -107,6 +109,7 @@ mod app {
         last_change: Change,
         to_log: Producer<'static, Change>,
         changes: Consumer<'static, Change>,
+        self_test: SelfTest,
     }
 
     #[init(local = [
@@ -181,6 +184,7 @@ mod app {
                 last_change: (Mode::SelfCheck, None),
                 to_log,
                 changes,
+                self_test: SelfTest::default(),
             },
         )
     }
@@ -204,6 +208,9 @@ mod app {
         };
         while let Some(proposed) = local.proposals.dequeue() {
             local.device.propose(proposed);
+        }
+        if let Some(fault) = self_test::found() {
+            local.device.fail(fault);
         }
         let vent = VENT_REQUESTED.swap(false, Relaxed).then_some(VENT);
         let queued = core::iter::from_fn(|| local.commands.dequeue());
@@ -342,8 +349,8 @@ mod app {
         }
     }
 
-    /// Writes changes of mode and fault to the log, and sleeps.
-    #[idle(local = [changes])]
+    /// Writes changes of mode and fault to the log, tests a slice of flash and RAM, and sleeps.
+    #[idle(local = [changes, self_test])]
     fn idle(cx: idle::Context) -> ! {
         loop {
             while let Some((mode, fault)) = cx.local.changes.dequeue() {
@@ -351,6 +358,7 @@ mod app {
                 let fault = fault.map_or("none", Fault::name);
                 defmt::info!("mode: {=str}, fault: {=str}", mode.name(), fault);
             }
+            cx.local.self_test.step();
             cortex_m::asm::wfi();
         }
     }

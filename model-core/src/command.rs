@@ -176,14 +176,14 @@ mod tests {
             played_pa: 1e3 * force_n,
             ..State::default()
         };
+        for tick in 0..3 {
+            let moved = speed_m_per_s * TICK_S * tick as f32 / VALUES.muscle.initial_length_m;
+            state.balance = state.balance.next(&VALUES, 0.1 + moved, BEFORE_PA, 1);
+        }
         let target = Target {
-            finger_force_n: 0.0,
-            reference_force_n: force_n,
             force_n,
-            contraction: 0.1,
             rate_pa_per_s_max: 4e5,
-            may_only_fall: false,
-            fast_m_per_s: fast_m_per_s(&VALUES, speed_m_per_s),
+            ..Target::new(&VALUES, &mut state, 0.1)
         };
         act(&VALUES, &mut state, &target).pressure_ref.0 - BEFORE_PA
     }
