@@ -202,20 +202,7 @@ impl<C: Control> Device<C> {
         let start = *self.start.recall().0.unwrap_or(&Some(StartFault::Ram));
         // A copy that has flipped is outvoted only while the two others are intact.
         self.start.set(start);
-        match start.filter(|fault| fault.prevents_assistance()) {
-            Some(fault) if source == Source::Pins => {
-                self.output = Output {
-                    mode: Mode::Venting,
-                    fault: Some(Fault::Start(fault)),
-                    ..Output::default()
-                };
-            }
-            _ if source == Source::Silence => {}
-            _ => {
-                self.output = self.controller.tick(&sensors);
-                self.output.fault = self.output.fault.or(self.found.map(Fault::Start));
-            }
-        }
+        self.control(source, &sensors, start);
         let telemetry = Telemetry {
             tick: self.tick,
             source,
@@ -236,6 +223,24 @@ impl<C: Control> Device<C> {
             armed: self.is_armed(),
             verdict,
             telemetry,
+        }
+    }
+
+    /// Runs the controller, unless there are no sensors or the start prevents it.
+    fn control(&mut self, source: Source, sensors: &Sensors, start: Option<StartFault>) {
+        match start.filter(|fault| fault.prevents_assistance()) {
+            Some(fault) if source == Source::Pins => {
+                self.output = Output {
+                    mode: Mode::Venting,
+                    fault: Some(Fault::Start(fault)),
+                    ..Output::default()
+                };
+            }
+            _ if source == Source::Silence => {}
+            _ => {
+                self.output = self.controller.tick(sensors);
+                self.output.fault = self.output.fault.or(self.found.map(Fault::Start));
+            }
         }
     }
 

@@ -1,7 +1,6 @@
 //! The campaigns' figures on this commit: a part of each, small enough for every run of the tests.
 
-use super::sequences::case::{Case, Outcome};
-use super::sequences::run::run_all as run_sequences;
+use super::sequences::run::{Ran, run_all as run_sequences};
 use super::sequences::scenario::{Scenario, of_scenario, scenarios};
 use hil_sim::faults;
 use hil_sim::faults::campaign::run_all;
@@ -18,9 +17,9 @@ pub const SEQUENCES: u64 = 400;
 
 pub struct Figures {
     pub campaign: Vec<FaultOutcome>,
-    pub sequences: Vec<(Case, Outcome)>,
+    pub sequences: Vec<Ran>,
     /// Without and with an enabling device.
-    pub scenarios: Vec<(Scenario, [Vec<(Case, Outcome)>; 2])>,
+    pub scenarios: Vec<(Scenario, [Vec<Ran>; 2])>,
 }
 
 fn campaign() -> Vec<FaultOutcome> {

@@ -3,8 +3,7 @@
 use super::evidence::Results;
 use super::figures::{CASES_PER_KIND, Figures, SEED, SEQUENCES};
 use super::level::{level, symmetric_years, years};
-use super::sequences::case::{Case, Outcome};
-use super::sequences::run::{most, tally};
+use super::sequences::run::{Ran, most, tally};
 use super::source::{Requirement, Source};
 use hil_sim::faults::kind::KINDS;
 use std::fmt::Write;
@@ -151,7 +150,7 @@ fn campaign(page: &mut String, source: &Source, figures: &Figures) {
 }
 
 /// Bounds that are violated, with the number of cases.
-fn violated(outcomes: &[(Case, Outcome)]) -> String {
+fn violated(outcomes: &[Ran]) -> String {
     let counts = tally(outcomes);
     let words = counts
         .iter()
@@ -174,7 +173,7 @@ fn sequences(page: &mut String, figures: &Figures) {
     );
     let classes = [(false, true), (false, false), (true, true), (true, false)];
     let rows = classes.map(|(needs_hardware, enabling)| {
-        let is_of = |(case, outcome): &&(Case, Outcome)| {
+        let is_of = |(case, outcome): &&Ran| {
             outcome.needs_hardware == needs_hardware && case.enabling == enabling
         };
         let of: Vec<_> = figures.sequences.iter().filter(is_of).cloned().collect();
@@ -215,8 +214,7 @@ fn scenarios(page: &mut String, figures: &Figures) {
          worst of 16 rigs each, without and with an enabling device; one figure if both are \
          equal.\n"
     );
-    let both = |outcomes: &[Vec<(Case, Outcome)>; 2],
-                words: &dyn Fn(&[(Case, Outcome)]) -> String| {
+    let both = |outcomes: &[Vec<Ran>; 2], words: &dyn Fn(&[Ran]) -> String| {
         let [without, with] = [&outcomes[0], &outcomes[1]].map(|one| words(one));
         if without == with {
             without
@@ -226,19 +224,18 @@ fn scenarios(page: &mut String, figures: &Figures) {
     };
     let rows = figures.scenarios.iter().map(|(scenario, outcomes)| {
         let has_limb = scenario.hand_m.or(scenario.foot_m).is_some();
-        let fastest = |of: &[(Case, Outcome)]| {
+        let fastest = |of: &[Ran]| {
             speeds(
                 most(of, |one| one.up_m_per_s),
                 most(of, |one| one.down_m_per_s),
             )
         };
-        let unasked =
-            |of: &[(Case, Outcome)]| format!("{:.0}", most(of, |one| 1e3 * one.unasked_m));
-        let limb = |of: &[(Case, Outcome)]| {
+        let unasked = |of: &[Ran]| format!("{:.0}", most(of, |one| 1e3 * one.unasked_m));
+        let limb = |of: &[Ran]| {
             let (force_n, contact_s) = (most(of, |one| one.limb_n), most(of, |one| one.contact_s));
             format!("{force_n:.0} N, {contact_s:.1} s")
         };
-        let reasons = |of: &[(Case, Outcome)]| {
+        let reasons = |of: &[Ran]| {
             of.iter()
                 .filter(|(_, one)| one.fault.is_some())
                 .count()
@@ -270,7 +267,7 @@ fn scenarios(page: &mut String, figures: &Figures) {
     table(page, &columns, rows);
 }
 
-fn levels(page: &mut String, source: &Source) {
+fn components(page: &mut String, source: &Source) {
     heading(page, "Performance level");
     page.push_str(
         "What each architecture could reach by the simplified procedure of ISO 13849-1:2015 \
@@ -297,6 +294,11 @@ fn levels(page: &mut String, source: &Source) {
         &["part", "assumed", "MTTFd \\[years\\]", "source"],
         rows,
     );
+}
+
+fn levels(page: &mut String, source: &Source) {
+    components(page, source);
+    let components = &source.component;
     page.push('\n');
     let shown = |level: Option<&str>| level.unwrap_or("none").to_string();
     let rows = source.architecture.iter().map(|one| {

@@ -4,6 +4,7 @@ use super::body::{CONTROLLED_M_PER_S, FOOT, HAND, TRANSIENT_S};
 use super::event::{Event, What};
 use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
 use hil_sim::bench::person::Finger;
+use hil_sim::faults::unit::DeviceOutput;
 use hil_sim::rig::Rig;
 use model_core::controller::Control;
 use model_core::device::{Command, Device, Pins};
@@ -23,6 +24,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 const TICK_S: f64 = 0.01;
+/// Time after the last edge of the pulses in which the valve in the port shuts, at most \[s\]: its
+/// coil is switched off after 23.3 ms (docs/wiring.md), its spring takes 10 ms.
+const PORT_SHUTS_S: f64 = 0.0233 + 0.01;
 /// Time after which the last event has ended \[s\].
 const EVENTS_S: f64 = 6.0;
 /// Time in which the weight comes to rest again \[s\].
@@ -32,12 +36,53 @@ const DRAWN_AWAY_S: f64 = 1.0;
 /// The board takes the mean of so many conversions, over the whole period.
 const SCANS: u32 = 16;
 
+/// What is under test: the device on this PC, or a board.
+pub trait Unit {
+    /// One tick, before which so many were missed.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, request: Request) -> DeviceOutput;
+
+    /// Misses a tick.
+    fn skip(&mut self);
+
+    /// Flips a bit in a copy of the state.
+    fn flip(&mut self, bit: usize);
+}
+
+/// The device on this PC.
+struct OnPc<C>(Device<C>);
+
+impl<C: Control> Unit for OnPc<C> {
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, request: Request) -> DeviceOutput {
+        let command = (request != Request::None).then_some(Command::Request(request));
+        let timing = Timing {
+            missed_ticks,
+            ..Timing::default()
+        };
+        let tick = self.0.tick(pins, timing, command.into_iter());
+        DeviceOutput {
+            valve: tick.valve,
+            output: tick.telemetry.output,
+            port_pulse: tick.port_pulse,
+        }
+    }
+
+    fn skip(&mut self) {}
+
+    fn flip(&mut self, bit: usize) {
+        let states = self.0.controller_mut().memory_mut().state.copies_mut();
+        let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
+        states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+    }
+}
+
 /// A case.
 #[derive(Clone, Debug)]
 pub struct Case {
     pub events: Vec<Event>,
     /// The rig has an enabling device, which the person lets go with everything else.
     pub enabling: bool,
+    /// The rig has the valve in the muscle's port (docs/wiring.md).
+    pub port: bool,
     /// A limb is in the way: above at this height \[m\], below at that.
     pub hand_m: Option<f64>,
     pub foot_m: Option<f64>,
@@ -118,6 +163,7 @@ impl Case {
         Case {
             events,
             enabling: false,
+            port: false,
             hand_m: None,
             foot_m: None,
             finger: Finger::Lift {
@@ -152,9 +198,12 @@ impl Case {
                 What::Snag => plant.add(Term::Load(Box::new(Snag(during_s)))),
                 What::Force(n) => plant.add(Term::Load(Box::new(Force(during_s, n)))),
                 What::Exchanged(by) => plant.add(Term::Load(Box::new(Exchanged(during_s, by)))),
-                What::ValveShut => plant.add(Term::Valve(Box::new(Valve(during_s, None)))),
+                What::ValveShut => plant.add(Term::Valve(Box::new(Valve(during_s, 0.0, 0.0)))),
                 What::ValveAt(share) => {
-                    plant.add(Term::Valve(Box::new(Valve(during_s, Some(share)))));
+                    plant.add(Term::Valve(Box::new(Valve(during_s, share, 1.0))));
+                }
+                What::ValveAjar(share, flow) => {
+                    plant.add(Term::Valve(Box::new(Valve(during_s, share, flow))));
                 }
                 What::Supply(share, period_s) => {
                     plant.add(Term::Supply(Box::new(Supply(during_s, share, period_s))));
@@ -219,8 +268,14 @@ impl Case {
         !self.is_let_go(time_s)
     }
 
-    /// Runs it with this controller.
+    /// Runs it with this controller, on this PC.
     pub fn run<C: Control>(&self, controller: C, settings: &Settings) -> Outcome {
+        let mut unit = OnPc(Device::with_controller(controller));
+        self.run_on(&mut unit, settings)
+    }
+
+    /// Runs it on a unit with these settings.
+    pub fn run_on(&self, unit: &mut impl Unit, settings: &Settings) -> Outcome {
         let limb = self.limb();
         let plant = self.plant(limb.as_ref());
         let initial = Initial::vented(&plant);
@@ -232,7 +287,7 @@ impl Case {
             simulation,
             drive,
             limb,
-            device: Device::with_controller(controller),
+            unit,
             random: Pcg64Mcg::seed_from_u64(self.seed),
             frozen: None,
             outcome: Outcome::default(),
@@ -241,6 +296,8 @@ impl Case {
             touched_s: 0.0,
             free_s: None,
             missed: 0,
+            port_pulse: false,
+            pulsed_s: 0.0,
             mode: Mode::SelfCheck,
             flipped: false,
             is_beyond: false,
@@ -267,13 +324,13 @@ impl Case {
     }
 }
 
-struct Running<'a, C> {
+struct Running<'a, U> {
     case: &'a Case,
     values: &'a SettingsValues,
     simulation: Simulation,
     drive: Drive,
     limb: Option<Limb>,
-    device: Device<C>,
+    unit: &'a mut U,
     random: Pcg64Mcg,
     /// Bridge, pressure and encoder as they were when they froze.
     frozen: Option<(AdcCount, AdcCount, EncoderCount)>,
@@ -285,12 +342,15 @@ struct Running<'a, C> {
     /// Time for which the limb has been free since it was touched \[s\].
     free_s: Option<f64>,
     missed: u8,
+    /// The last level for the valve in the port, and since when it is that.
+    port_pulse: bool,
+    pulsed_s: f64,
     mode: Mode,
     flipped: bool,
     is_beyond: bool,
 }
 
-impl<C: Control> Running<'_, C> {
+impl<U: Unit> Running<'_, U> {
     fn height_m(&self) -> f64 {
         self.simulation.contraction() * self.case.rig.nominal.muscle.initial_length_m
     }
@@ -299,21 +359,23 @@ impl<C: Control> Running<'_, C> {
         let time_s = f64::from(number) * TICK_S;
         self.flip(time_s);
         let pins = self.pins(time_s);
-        if !self.misses(time_s, number) {
+        if self.misses(time_s, number) {
+            self.unit.skip();
+        } else {
             let request = self.case.request(time_s, self.mode, number);
-            let command = (request != Request::None).then_some(Command::Request(request));
-            let timing = Timing {
-                missed_ticks: std::mem::take(&mut self.missed),
-                ..Timing::default()
-            };
-            let tick = self.device.tick(&pins, timing, command.into_iter());
-            let output = tick.telemetry.output;
+            let missed_ticks = std::mem::take(&mut self.missed);
+            let tick = self.unit.tick(&pins, missed_ticks, request);
+            let output = tick.output;
             (self.mode, self.outcome.fault) = (output.mode, output.fault.or(self.outcome.fault));
+            if tick.port_pulse != self.port_pulse {
+                (self.port_pulse, self.pulsed_s) = (tick.port_pulse, time_s);
+            }
             let count = self.dac(time_s, tick.valve);
             self.drive.reference.0 = f64::from(self.values.valve_drive.pressure(count).0);
         }
         for part in 1..=5 {
             let until_s = time_s + f64::from(part) * TICK_S / 5.0;
+            self.drive.shut = self.case.port && until_s > self.pulsed_s + PORT_SHUTS_S;
             if self.simulation.advance(&self.drive, until_s).is_err() {
                 // The weight is flung beyond what the plant models.
                 self.outcome.up_m_per_s = f64::INFINITY;
@@ -351,9 +413,7 @@ impl<C: Control> Running<'_, C> {
         let Some(bit) = flips.next() else { return };
         drop(flips);
         if !std::mem::replace(&mut self.flipped, true) {
-            let states = self.device.controller_mut().memory_mut().state.copies_mut();
-            let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
-            states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+            self.unit.flip(bit);
         }
     }
 

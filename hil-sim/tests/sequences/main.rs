@@ -12,7 +12,7 @@ mod scenario;
 use body::CONTROLLED_M_PER_S;
 use case::{Case, Outcome};
 use hil_sim::faults::ablation::SafetyFunction;
-use run::{is_controlled, kept, most, run, run_all, tally};
+use run::{Ran, is_controlled, kept, most, run, run_all, tally};
 use scenario::{of_scenario, scenarios};
 use std::time::Instant;
 
@@ -32,7 +32,7 @@ fn what_the_controller_can_limit_stays_within_the_bounds_of_the_body() {
         start.elapsed().as_secs_f64()
     );
     for (needs_hardware, enabling) in [(false, true), (false, false), (true, true), (true, false)] {
-        let of = |(case, outcome): &&(Case, Outcome)| {
+        let of = |(case, outcome): &&Ran| {
             outcome.needs_hardware == needs_hardware && case.enabling == enabling
         };
         let outcomes: Vec<_> = outcomes.iter().filter(of).cloned().collect();
@@ -127,6 +127,13 @@ fn without_the_ramp_the_weight_hurts_a_foot() {
 #[test]
 fn without_the_retreat_a_foot_stays_below_the_weight() {
     assert_needed(SafetyFunction::Retreat, FOOT, "not released");
+}
+
+/// The valve in the muscle's port closes before the weight is on the foot, and keeps it above.
+#[test]
+fn without_the_pressure_watch_a_foot_stays_below_the_weight() {
+    let scenario = "a foot below, the valve leaks to the exhaust, with a valve in the port";
+    assert_needed(SafetyFunction::PressureWatch, scenario, "not released");
 }
 
 #[test]

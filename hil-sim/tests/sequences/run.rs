@@ -15,6 +15,9 @@ pub const KEPT: [&str; 4] = [
     "lasting force",
 ];
 
+/// A case and what has happened in it.
+pub type Ran = (Case, Outcome);
+
 pub fn run(case: &Case, without: Option<SafetyFunction>) -> Outcome {
     let settings = case.settings();
     match without {
@@ -24,11 +27,7 @@ pub fn run(case: &Case, without: Option<SafetyFunction>) -> Outcome {
 }
 
 /// The cases with what happens in them, of which `is_run` selects some.
-pub fn run_all(
-    count: u64,
-    without: Option<SafetyFunction>,
-    is_run: fn(&Case) -> bool,
-) -> Vec<(Case, Outcome)> {
+pub fn run_all(count: u64, without: Option<SafetyFunction>, is_run: fn(&Case) -> bool) -> Vec<Ran> {
     let cases = (0..count).into_par_iter().map(Case::new).filter(is_run);
     let ran = cases.map(|case| {
         let outcome = run(&case, without);
@@ -48,13 +47,13 @@ pub fn kept(case: &Case, outcome: &Outcome) -> Vec<&'static str> {
     violations
 }
 
-pub fn most(outcomes: &[(Case, Outcome)], value: fn(&Outcome) -> f64) -> f64 {
+pub fn most(outcomes: &[Ran], value: fn(&Outcome) -> f64) -> f64 {
     let values = outcomes.iter().map(|(_, outcome)| value(outcome));
     values.fold(0.0, f64::max)
 }
 
 /// How many cases violate each bound.
-pub fn tally(outcomes: &[(Case, Outcome)]) -> BTreeMap<&'static str, usize> {
+pub fn tally(outcomes: &[Ran]) -> BTreeMap<&'static str, usize> {
     let mut counts = BTreeMap::new();
     for (case, outcome) in outcomes {
         for violation in outcome.violations(case) {

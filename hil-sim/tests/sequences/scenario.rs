@@ -1,8 +1,8 @@
 //! The scenarios of an audit that found the first campaign too narrow.
 
-use super::case::{Case, Outcome};
+use super::case::Case;
 use super::event::{Event, What};
-use super::run::run;
+use super::run::{Ran, run};
 use hil_sim::faults::ablation::SafetyFunction;
 use rayon::prelude::*;
 
@@ -14,18 +14,30 @@ pub struct Scenario {
     pub events: Vec<(What, f64, f64)>,
     pub hand_m: Option<f64>,
     pub foot_m: Option<f64>,
+    /// The rig has the valve in the muscle's port.
+    pub port: bool,
 }
 
-pub fn scenarios() -> Vec<Scenario> {
-    let of = |name, before, events| Scenario {
+/// A scenario without a limb.
+fn of(name: &'static str, before: &'static str, events: Vec<(What, f64, f64)>) -> Scenario {
+    Scenario {
         name,
         before,
         events,
         hand_m: None,
         foot_m: None,
-    };
-    let alone = |what| vec![(What::LetsGo, 1.25, 9.8), (what, 1.3, 9.8)];
-    let lets_go = (What::LetsGo, 3.0, 9.8);
+        port: false,
+    }
+}
+
+pub fn scenarios() -> Vec<Scenario> {
+    [air_and_load(), lever_and_valve(), limbs()]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+fn air_and_load() -> Vec<Scenario> {
     vec![
         of(
             "a snag of 1 s",
@@ -62,6 +74,12 @@ pub fn scenarios() -> Vec<Scenario> {
             "1.51 m/s",
             vec![(What::Force(118.0), 2.5, 3.5)],
         ),
+    ]
+}
+
+fn lever_and_valve() -> Vec<Scenario> {
+    let alone = |what| vec![(What::LetsGo, 1.25, 9.8), (what, 1.3, 9.8)];
+    vec![
         of(
             "a hand, ±60 mm at 2 Hz",
             "0.70 m/s",
@@ -100,6 +118,12 @@ pub fn scenarios() -> Vec<Scenario> {
             "–",
             alone(What::GaugeZero(7.0)),
         ),
+    ]
+}
+
+fn limbs() -> Vec<Scenario> {
+    let lets_go = (What::LetsGo, 3.0, 9.8);
+    vec![
         Scenario {
             hand_m: Some(0.03),
             ..of(
@@ -128,6 +152,18 @@ pub fn scenarios() -> Vec<Scenario> {
                 vec![lets_go],
             )
         },
+        Scenario {
+            foot_m: Some(0.02),
+            port: true,
+            ..of(
+                "a foot below, the valve leaks to the exhaust, with a valve in the port",
+                "–",
+                vec![
+                    (What::Pushes(0.1), 1.5, 9.8),
+                    (What::ValveAjar(0.1, 0.2), 3.0, 9.8),
+                ],
+            )
+        },
     ]
 }
 
@@ -135,7 +171,7 @@ pub fn of_scenario(
     scenario: &Scenario,
     enabling: bool,
     without: Option<SafetyFunction>,
-) -> Vec<(Case, Outcome)> {
+) -> Vec<Ran> {
     let seeds = (0..16).into_par_iter();
     let cases = seeds.map(|seed| {
         let events = scenario.events.iter().map(|(what, from_s, to_s)| Event {
@@ -146,6 +182,7 @@ pub fn of_scenario(
             enabling,
             hand_m: scenario.hand_m,
             foot_m: scenario.foot_m,
+            port: scenario.port,
             ..Case::with(events.collect(), seed)
         }
     });
