@@ -128,7 +128,7 @@ fn without_any_safety_function_a_case_violates_a_bound() {
     for function in SafetyFunction::ALL {
         // No limb is in the way in these cases; the sequences show its need.
         let is_named = NEEDED.iter().any(|(named, ..)| *named == function);
-        assert_eq!(is_named, function != SafetyFunction::Retreat);
+        assert_eq!(is_named, !function.needs_limb());
     }
     let not_needed = NEEDED.into_par_iter().filter(|(function, fault, bound)| {
         let cases = (0..TRIED).map(|number| Case::of(kind(fault), 1, number));

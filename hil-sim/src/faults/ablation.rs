@@ -84,6 +84,11 @@ impl SafetyFunction {
         }
     }
 
+    /// Whether it acts on a limb in the weight's way only, of which the campaign has none.
+    pub fn needs_limb(self) -> bool {
+        self == SafetyFunction::Retreat
+    }
+
     /// The safety function of that name, if any.
     pub fn from_name(name: &str) -> Option<SafetyFunction> {
         SafetyFunction::ALL

@@ -15,7 +15,7 @@ mod plant;
 use crate::faults::OnBoard;
 use case::{Case, Outcome, Unit};
 use event::What;
-use hil_sim::faults::unit::{DeviceOutput, Stored, Unit as _, frame};
+use hil_sim::faults::unit::{DeviceOutput, Stored, frame};
 use model_core::controller::Controller;
 use model_core::device::{Command, Pins};
 use model_core::io::Request;
