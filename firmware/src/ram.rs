@@ -93,10 +93,10 @@ fn rest() -> Range<u32> {
 fn word_holds_patterns(word: *mut u32) -> bool {
     #[allow(unsafe_code)]
     // SAFETY: an aligned word of the RAM, which has its value again at the end. The program only
-    // accesses it here: interrupts are masked, and no DMA runs, or none that has this word. A probe may access it: it can read
-    // a pattern in place of an offset of the log, and its own write of one can be lost, or seen as
-    // a stuck bit. That garbles the log or prevents assistance; no invariant of the program is the
-    // probe's to keep.
+    // accesses it here: interrupts are masked, and no DMA runs, or none that has this word. A probe
+    // may access it: it can read a pattern in place of an offset of the log, and its own write of
+    // one can be lost, or seen as a stuck bit. That garbles the log or prevents assistance; no
+    // invariant of the program is the probe's to keep.
     unsafe {
         let before = word.read_volatile();
         let holds = PATTERNS.iter().all(|pattern| {

@@ -43,9 +43,9 @@ supervisor_limits! {
 
     // What the reference does about a weight that is fast, before that is a fault.
     DRIVEN_SPEED: f32 = 1.2, "1",
-        "Speed from which the reference does not drive the weight on, over the reference's: a lever \
-         that is shaken with the weight's own frequency adds twice the reference's speed in half a \
-         period.";
+        "Speed from which the reference does not drive the weight on, over the reference's: a \
+         lever that is shaken with the weight's own frequency adds twice the reference's speed in \
+         half a period.";
     CATCH_TICKS: u16 = 50, "tick",
         "Time in which the ramp down waits for a weight that falls: twice its own period.";
 
@@ -54,7 +54,7 @@ supervisor_limits! {
         "Least and most by which the weight sinks while the muscle's last 65 N go over to a limb: \
          200 N/mm are stiffer than a skull, 11 N/mm softer than a chest (ISO/TS 15066, table A.3).";
     RETREAT_RESTS_TICKS: u8 = 15, "tick",
-        "Time for which it has then rested there: a lighter payload sinks by 12 mm or more meanwhile.";
+        "Time for which it has then rested there: a lighter payload sinks by 12 mm meanwhile.";
     RETREAT_M: f32 = 0.010, "m",
         "Height of the retreat: what a limb gives way (2 mm) and what friction and hysteresis hold \
          back (30 N over the muscle's 4 N/mm). With an encoder that has jumped by 15 mm, which its \

@@ -74,7 +74,11 @@ fn sequences_end_on_the_board_as_they_do_on_the_pc() {
         ];
         let is_slow = |m_per_s: &f64| m_per_s.abs() < SPEED_M_PER_S || m_per_s.is_nan();
         let is_same = verdict(&case, &on_board) == verdict(&case, &on_pc);
-        if !is_same || !speeds_m_per_s.iter().all(is_slow) {
+        // The tick of a core that is stopped stays pending and runs late: of ticks that halt the
+        // board misses fewer than the PC, and its ramp is faster.
+        let misses = |what| matches!(what, What::TicksHalting(_) | What::TicksMissed(_));
+        let is_in_time = !case.events.iter().any(|event| misses(event.what));
+        if !is_same || is_in_time && !speeds_m_per_s.iter().all(is_slow) {
             differing.push((seed, on_board, on_pc));
         }
         compared += 1;
