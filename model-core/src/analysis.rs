@@ -5,7 +5,7 @@ use crate::io::{Request, Sensors};
 use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};
 use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
-use crate::retreat::{Carried, may_retreat};
+use crate::retreat::{Carried, Retreat, may_retreat};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
 use crate::state::{State, limited_pa};
@@ -231,6 +231,11 @@ fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensor
 
 /// Begins a retreat, or ends one.
 fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses) {
+    if matches!(next.mode, Mode::SelfCheck | Mode::Ready) {
+        // Nothing was lifted yet.
+        next.retreat = Retreat::default();
+        return;
+    }
     let [_, pressure, encoder] = statuses;
     let is_good = [pressure, encoder] == [&SensorStatus::Good; 2];
     let now = Carried {

@@ -16,19 +16,35 @@ use crate::supervisor::{Fault, Mode};
 use serde::{Deserialize, Serialize};
 
 /// State of the retreat between ticks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Retreat {
-    /// ε \[-\] where the muscle last carried the weight; none once the weight has moved further
-    /// from there than a limb gives way.
-    carried_at: Option<f32>,
-    /// Ticks since then; the count saturates.
+    /// ε \[-\] where the muscle last carried the weight.
+    carried_at: f32,
+    /// Ticks since then, at most [`GONE`]; this if the weight has moved further from there than a
+    /// limb gives way, or was never carried.
     carried_ticks: u8,
-    /// Ticks for which the weight is still lifted, and P_r \[Pa\] for that.
-    ticks: u8,
-    /// See `ticks`.
+    /// Ticks of all retreats up to now: one is going on unless they are a multiple of
+    /// [`RETREAT_TICKS`].
+    ticks: u16,
+    /// P_r \[Pa\] to which the weight is lifted.
     pressure_pa: f32,
-    /// Retreats since the self-check.
-    count: u8,
+}
+
+/// See [`Retreat::carried_ticks`].
+const GONE: u8 = u8::MAX;
+
+/// Ticks of all retreats.
+const TICKS_MAX: u16 = RETREATS_MAX as u16 * RETREAT_TICKS as u16;
+
+impl Default for Retreat {
+    fn default() -> Retreat {
+        Retreat {
+            carried_at: 0.0,
+            carried_ticks: GONE,
+            ticks: 0,
+            pressure_pa: 0.0,
+        }
+    }
 }
 
 /// What a tick knows of the weight.
@@ -79,42 +95,48 @@ impl Retreat {
         if let Some((residual_n, contraction)) = now.residual
             && residual_n >= -0.5 * values.force_error_n_max
         {
-            self.carried_at = Some(contraction);
-            self.carried_ticks = 0;
+            (self.carried_at, self.carried_ticks) = (contraction, 0);
         }
-        self.carried_ticks = self.carried_ticks.saturating_add(1);
-        self.carried_at = self
-            .carried_at
-            .filter(|from| libm::fabsf(sunk_m(*from)) <= most_m);
-        self.ticks = self.ticks.saturating_sub(1);
+        let is_near = libm::fabsf(sunk_m(self.carried_at)) <= most_m;
+        if self.carried_ticks < GONE - 1 && is_near {
+            self.carried_ticks += 1;
+        } else if !is_near {
+            self.carried_ticks = GONE;
+        }
         if !is_allowed {
-            self.ticks = 0;
-        } else if self.ticks == 0
-            && self.count < RETREATS_MAX
-            && self.carried_ticks >= RETREAT_RESTS_TICKS
+            self.end();
+        } else if self.is_going_on() {
+            self.ticks = self.ticks.saturating_add(1);
+        }
+        let may_begin = is_allowed && !self.is_going_on() && self.ticks < TICKS_MAX;
+        if may_begin
+            && (RETREAT_RESTS_TICKS..GONE).contains(&self.carried_ticks)
             && now.is_out_of_balance
             && lacks_n(now.pressure_pa) > values.force_error_n_max
             && lacks_n(now.highest_pa) > values.force_error_n_max
-            && self.carried_at.is_some_and(|from| sunk_m(from) >= least_m)
+            && sunk_m(self.carried_at) >= least_m
         {
             let lifted = now.contraction + RETREAT_M / muscle.initial_length_m;
             let (most, most_pa) = (values.contraction_max, GaugePa(values.pressure_pa_max));
             let lifted_pa = reference_pressure(muscle, weight_n, lifted, most, most_pa);
             self.pressure_pa = lifted_pa.0.at_least(0.0);
-            self.ticks = RETREAT_TICKS;
-            self.count = self.count.saturating_add(1);
+            self.ticks = self.ticks.saturating_add(1);
         }
         self
     }
 
-    /// P_r \[Pa\] to which the weight is lifted, during a retreat.
-    pub fn lifts_to_pa(&self) -> Option<f32> {
-        (self.ticks > 0).then_some(self.pressure_pa)
+    fn is_going_on(&self) -> bool {
+        !self.ticks.is_multiple_of(RETREAT_TICKS.into())
     }
 
-    /// Ends a retreat, for the fault campaign.
+    /// P_r \[Pa\] to which the weight is lifted, during a retreat.
+    pub fn lifts_to_pa(&self) -> Option<f32> {
+        self.is_going_on().then_some(self.pressure_pa)
+    }
+
+    /// Ends a retreat.
     pub fn end(&mut self) {
-        self.ticks = 0;
+        self.ticks = self.ticks.next_multiple_of(RETREAT_TICKS.into());
     }
 }
 
@@ -197,7 +219,7 @@ mod tests {
             lifted_ticks += u32::from(retreat.lifts_to_pa().is_some());
             retreat = retreat.next(&VALUES, &now, true);
         }
-        assert_eq!(lifted_ticks, 3 * 250);
+        assert_eq!(lifted_ticks, 3 * 249);
         let retreat = let_down(1.6e-3, |_| {}, true).next(&VALUES, &now, false);
         assert_eq!(retreat.lifts_to_pa(), None);
     }
