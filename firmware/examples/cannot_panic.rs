@@ -11,8 +11,8 @@ use model_core::device::{Device, Pins};
 use model_core::gate::{Decision, SettingsGate};
 use model_core::limits::safety_hash;
 use model_core::link::{
-    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ResetCause, SettingsSource, Signature, ToDevice,
-    board_name, check_image, encode,
+    Decoder, FRAME_LEN_MAX, FromDevice, Identity, ImageCheck, ImageState, ResetCause,
+    SettingsSource, Signature, ToDevice, board_name, check_image, encode,
 };
 use model_core::sampling::{SAMPLES, SCANS, Sampler};
 use model_core::settings::Settings;
@@ -74,6 +74,7 @@ fn main() -> ! {
     let start = black_box(Some(StartFault::Ram));
     let mut device = Device::new(settings).started(start);
     let mut gate = SettingsGate::default();
+    let mut image = ImageCheck::default();
     let mut sampler = Sampler::new(black_box(0));
     loop {
         let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
@@ -101,6 +102,9 @@ fn main() -> ! {
         }
         let change = store::change(black_box([&[], &[]]), black_box(0));
         let _ = black_box(encode(&FromDevice::Change(change), &mut [0; FRAME_LEN_MAX]));
+        if black_box(image.step(black_box(&[0; 64]), black_box(8))) == ImageState::Sealed(false) {
+            device.fail(black_box(StartFault::Image));
+        }
         let tick = device.tick(&pins, timing, command.into_iter());
         black_box(tick.verdict.and_then(|verdict| gate.decide(verdict)));
         let telemetry = FromDevice::Telemetry(tick.telemetry);

@@ -2,6 +2,7 @@
 //! survives the reset, then reset. The note also holds the latched fault of the controller.
 
 use crate::driver::valve;
+use crate::ram::stack;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use cortex_m::peripheral::SCB;
@@ -112,17 +113,6 @@ extern "C" fn hard_fault(sp: u32) -> ! {
 #[exception]
 unsafe fn DefaultHandler(interrupt: i16) -> ! {
     stop(Crash::Interrupt(interrupt))
-}
-
-/// Address range of the stack.
-fn stack() -> core::ops::Range<u32> {
-    #[allow(unsafe_code)]
-    // SAFETY: memory.x defines both symbols; only their addresses are used.
-    unsafe extern "C" {
-        static _stack_end: u8;
-        static _stack_start: u8;
-    }
-    (&raw const _stack_end) as u32..(&raw const _stack_start) as u32
 }
 
 /// Bytes of the stack that were never used: they still hold the pattern of the start-up code.

@@ -6,7 +6,7 @@
 //! | 3        | [`app::tick`]         | every 10 ms          | 1 % of the period             |
 //! | 3        | `scan_bridge`         | every 625 µs, only with the feature `ads1220` | 2 %   |
 //! | 2        | [`app::serve_link`]   | every 1 ms           | what the tick leaves          |
-//! | 0        | [`app::idle`]         | otherwise            | writes logs, then sleeps      |
+//! | 0        | [`app::idle`]         | otherwise            | logs, self-test, sleeps       |
 //!
 //! The tasks exchange data through queues, without locks. Only masked interrupts can delay the
 //! tick: while a log entry is written, and while settings are stored, when the valve is at 0 V.
@@ -18,6 +18,7 @@ mod crash;
 mod driver;
 mod link;
 mod ram;
+mod self_test;
 
 use defmt_rtt as _;
 
@@ -34,13 +35,14 @@ mod app {
     use crate::driver::iwdg::{self, Iwdg};
     use crate::driver::valve::{self, Valve};
     use crate::link::{self, Link};
+    use crate::self_test::{self, SelfTest};
     use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
     use cortex_m::peripheral::{DWT, SCB};
     use heapless::spsc::{Consumer, Producer, Queue};
     use model_core::device::{Command, Device, Pins};
     use model_core::gate::{Decision, SettingsGate, Verdict};
     use model_core::io::Request;
-    use model_core::link::{FromDevice, Identity, Signature, Telemetry, ToDevice, Written};
+    use model_core::link::{Crash, FromDevice, Identity, Signature, Telemetry, ToDevice, Written};
     use model_core::settings::SettingsValues;
     use model_core::supervisor::{Fault, Mode};
     use model_core::timing::TickClock;
@@ -107,6 +109,7 @@ mod app {
         last_change: Change,
         to_log: Producer<'static, Change>,
         changes: Consumer<'static, Change>,
+        self_test: SelfTest,
     }
 
     #[init(local = [
@@ -122,9 +125,10 @@ mod app {
         let mut devices = Devices::new(cx.device, cx.core);
         let (settings, source) = devices.store.load();
         defmt::info!(
-            "reset cause: {}, note of the previous run: {}",
-            defmt::Debug2Format(&reset),
-            defmt::Debug2Format(&note)
+            "reset cause: {=str}; before it: crash {=str}, fault {=str}",
+            reset.name(),
+            note.crash.map_or("none", Crash::name),
+            note.fault.map_or("none", Fault::name)
         );
         if iwdg::STOPS_IN_DEBUG {
             defmt::warn!("a halt stops the watchdog: the valve's supply must be off");
@@ -180,6 +184,7 @@ mod app {
                 last_change: (Mode::SelfCheck, None),
                 to_log,
                 changes,
+                self_test: SelfTest::default(),
             },
         )
     }
@@ -203,6 +208,9 @@ mod app {
         };
         while let Some(proposed) = local.proposals.dequeue() {
             local.device.propose(proposed);
+        }
+        if let Some(fault) = self_test::found() {
+            local.device.fail(fault);
         }
         let vent = VENT_REQUESTED.swap(false, Relaxed).then_some(VENT);
         let queued = core::iter::from_fn(|| local.commands.dequeue());
@@ -341,8 +349,8 @@ mod app {
         }
     }
 
-    /// Writes changes of mode and fault to the log, and sleeps.
-    #[idle(local = [changes])]
+    /// Writes changes of mode and fault to the log, tests a slice of flash and RAM, and sleeps.
+    #[idle(local = [changes, self_test])]
     fn idle(cx: idle::Context) -> ! {
         loop {
             while let Some((mode, fault)) = cx.local.changes.dequeue() {
@@ -350,6 +358,7 @@ mod app {
                 let fault = fault.map_or("none", Fault::name);
                 defmt::info!("mode: {=str}, fault: {=str}", mode.name(), fault);
             }
+            cx.local.self_test.step();
             cortex_m::asm::wfi();
         }
     }

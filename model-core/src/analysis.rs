@@ -5,6 +5,7 @@ use crate::io::{Request, Sensors};
 use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};
 use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
+use crate::retreat::{Carried, Retreat, may_retreat};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
 use crate::state::{State, limited_pa};
@@ -64,6 +65,7 @@ pub fn analyse(
         _ => check_rest(values, &mut next),
     };
     check_consistency(values, &mut next, sensors);
+    check_retreat(values, &mut next, &statuses);
     next.missed
         .add_ticks(sensors.missed_ticks.into(), missed_limit(values));
     let findings = findings(values, &next, &statuses, unready, sensors);
@@ -225,6 +227,26 @@ fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensor
     next.follower = next.follower.next(values, reference_pa, pressure_pa, ticks);
     let contraction = contraction(values, next);
     next.balance = next.balance.next(values, contraction, pressure_pa, ticks);
+}
+
+/// Begins a retreat, or ends one.
+fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses) {
+    if matches!(next.mode, Mode::SelfCheck | Mode::Ready) {
+        // Nothing was lifted yet.
+        next.retreat = Retreat::default();
+        return;
+    }
+    let [_, pressure, encoder] = statuses;
+    let is_good = [pressure, encoder] == [&SensorStatus::Good; 2];
+    let now = Carried {
+        contraction: contraction(values, next),
+        residual: next.balance.residual(),
+        pressure_pa: next.pressure.value(),
+        highest_pa: next.pressure_ref_pa.at_least(next.moved_at_pa),
+        is_out_of_balance: next.balance.has_failed(values),
+    };
+    let is_allowed = may_retreat(next.mode, next.fault) && is_good && next.port_open;
+    next.retreat = next.retreat.next(values, &now, is_allowed);
 }
 
 /// ε \[-\], from home.

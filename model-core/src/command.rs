@@ -4,7 +4,7 @@
 use crate::assist::reference_force_n;
 use crate::constants::TICK_S;
 use crate::io::Output;
-use crate::limits::EMPTIED_TICKS;
+use crate::limits::{CATCH_TICKS, DRIVEN_SPEED, EMPTIED_TICKS};
 use crate::number::{Number, limited};
 use crate::pressure::GaugePa;
 use crate::reference::reference_pressure;
@@ -28,6 +28,9 @@ pub struct Target {
     pub rate_pa_per_s_max: f32,
     /// True beyond the limit of travel: there the pressure may only fall.
     pub may_only_fall: bool,
+    /// Speed of the weight \[m/s\], upwards, if it is faster than the reference may move it: the
+    /// reference does not drive it on.
+    pub fast_m_per_s: f32,
 }
 
 impl Target {
@@ -54,6 +57,7 @@ impl Target {
                 GaugePa(state.pressure_ref_pa),
             ),
             may_only_fall: contraction > values.contraction_max,
+            fast_m_per_s: fast_m_per_s(values, state.balance.speed_m_per_s()),
         }
     }
 }
@@ -82,31 +86,49 @@ pub fn act(values: &SettingsValues, state: &mut State, target: &Target) -> Outpu
     }
 }
 
+/// `speed_m_per_s` if it is above that of the reference by [`DRIVEN_SPEED`], otherwise 0.
+fn fast_m_per_s(values: &SettingsValues, speed_m_per_s: f32) -> f32 {
+    let driven_m_per_s = DRIVEN_SPEED * values.reference_speed_m_per_s_max;
+    if libm::fabsf(speed_m_per_s) > driven_m_per_s {
+        speed_m_per_s
+    } else {
+        0.0
+    }
+}
+
+/// Whether the reference is above the pressure in the muscle: the higher of the measured and the
+/// expected one, as the sensor may have failed.
+fn is_above_muscle(state: &State) -> bool {
+    let reached_pa = state.pressure.value().at_least(state.follower.slow_pa());
+    state.pressure_ref_pa > reached_pa
+}
+
 /// P_r \[Pa\] for the state's mode, limited in rate: Eq 8 while assisting.
 fn next_reference_pa(values: &SettingsValues, state: &mut State, target: &Target) -> f32 {
     let now_pa = state.pressure_ref_pa;
     let rate_pa_per_s_max = target.rate_pa_per_s_max;
     let change_pa = |target_pa: f32| {
-        if target.may_only_fall {
-            target_pa.at_most(now_pa) - now_pa
-        } else {
-            target_pa - now_pa
-        }
+        let may_rise = !target.may_only_fall && target.fast_m_per_s <= 0.0;
+        let may_fall = target.fast_m_per_s >= 0.0;
+        let least_pa = if may_fall { 0.0 } else { now_pa };
+        let most_pa = if may_rise { f32::MAX } else { now_pa };
+        target_pa.at_least(least_pa).at_most(most_pa) - now_pa
     };
     match state.mode {
         Mode::SelfCheck | Mode::Ready => 0.0,
         Mode::Holding => now_pa,
         Mode::Venting => {
-            // The weight does not sink while the reference is above the pressure in the muscle. The
-            // higher of the measured and the expected pressure is used, as the sensor may have
-            // failed.
-            let reached_pa = state.pressure.value().at_least(state.follower.slow_pa());
-            let rate_pa_per_s = if now_pa > reached_pa {
-                rate_pa_per_s_max
-            } else {
-                rate_pa_per_s_max.at_most(values.vent_rate_pa_per_s)
-            };
-            now_pa - rate_pa_per_s * TICK_S
+            let slow_pa_per_s = rate_pa_per_s_max.at_most(values.vent_rate_pa_per_s);
+            match state.retreat.lifts_to_pa() {
+                Some(pressure_pa) => {
+                    now_pa + limited(change_pa(pressure_pa), slow_pa_per_s * TICK_S)
+                }
+                // A weight that falls is not lowered on, for a time that no encoder can extend.
+                None if target.fast_m_per_s < 0.0 && state.mode_ticks < CATCH_TICKS => now_pa,
+                // The weight does not sink while the reference is above the pressure in the muscle.
+                None if is_above_muscle(state) => now_pa - rate_pa_per_s_max * TICK_S,
+                None => now_pa - slow_pa_per_s * TICK_S,
+            }
         }
         Mode::Playing => {
             let requested_pa = state.played_pa.at_most(values.play_pressure_pa_max);
@@ -132,6 +154,73 @@ fn next_reference_pa(values: &SettingsValues, state: &mut State, target: &Target
             let step_pa = limited(change_pa, rate_pa_per_s * TICK_S);
             state.engaged = state.engaged || step_pa == change_pa;
             now_pa + step_pa
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VALUES: SettingsValues = SettingsValues::reference();
+    const BEFORE_PA: f32 = 2e5;
+
+    /// The change of the reference \[Pa\] in a tick of this mode, for a demanded force, of a weight
+    /// that moves so fast.
+    fn change_pa(mode: Mode, force_n: f32, speed_m_per_s: f32, mode_ticks: u16) -> f32 {
+        let mut state = State {
+            mode,
+            mode_ticks,
+            pressure_ref_pa: BEFORE_PA,
+            engaged: true,
+            played_pa: 1e3 * force_n,
+            ..State::default()
+        };
+        for tick in 0..3 {
+            let moved = speed_m_per_s * TICK_S * tick as f32 / VALUES.muscle.initial_length_m;
+            state.balance = state.balance.next(&VALUES, 0.1 + moved, BEFORE_PA, 1);
+        }
+        let target = Target {
+            force_n,
+            rate_pa_per_s_max: 4e5,
+            ..Target::new(&VALUES, &mut state, 0.1)
+        };
+        act(&VALUES, &mut state, &target).pressure_ref.0 - BEFORE_PA
+    }
+
+    /// It still moves against the motion, and while the weight is slower.
+    #[test]
+    fn a_fast_weight_is_not_driven_on() {
+        let down_and_up = [
+            (Mode::Assisting, 0.0, -1.0),
+            (Mode::Assisting, 400.0, 1.0),
+            (Mode::Playing, 0.0, -1.0),
+        ];
+        for (mode, force_n, sign) in down_and_up {
+            for (speed_m_per_s, moves) in [(0.31, false), (0.29, true), (-0.31, true)] {
+                let change_pa = change_pa(mode, force_n, sign * speed_m_per_s, 0);
+                let expected_pa = if moves { sign * 4e3 } else { 0.0 };
+                assert!(
+                    (change_pa - expected_pa).abs() < 0.1,
+                    "{mode:?} {change_pa}"
+                );
+            }
+        }
+    }
+
+    /// The ramp down waits for it, but not for ever: an encoder may be wrong.
+    #[test]
+    fn the_ramp_waits_half_a_second_for_a_weight_that_falls() {
+        for (speed_m_per_s, mode_ticks, falls) in [
+            (-0.31, 0, false),
+            (-0.31, 49, false),
+            (-0.31, 50, true),
+            (-0.29, 0, true),
+            (0.31, 0, true),
+            (f32::NAN, 0, true),
+        ] {
+            let change_pa = change_pa(Mode::Venting, 0.0, speed_m_per_s, mode_ticks);
+            assert_eq!(change_pa < 0.0, falls, "{speed_m_per_s}, {mode_ticks}");
         }
     }
 }

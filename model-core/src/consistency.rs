@@ -68,10 +68,14 @@ pub struct ForceBalance {
     last: Option<Read>,
     /// What was read before that.
     before: Option<Read>,
-    /// The mean residual \[N\].
+    /// The residual \[N\], and its mean.
+    residual_n: f32,
+    /// See `residual_n`.
     error_n: f32,
     /// Ticks with the residual outside its tolerance.
     outside: BadTickCount,
+    /// Speed over the last two ticks \[m/s\], upwards.
+    speed_m_per_s: f32,
     /// Ticks in a row in which the weight was too fast.
     fast_ticks: u16,
 }
@@ -106,9 +110,9 @@ impl ForceBalance {
         };
         let passed_s = f32::from(ticks) * TICK_S;
         if let (Some(before), Some(last)) = (self.before, self.last) {
-            let residual_n = residual_n(values, &before, &last, &now);
+            self.residual_n = residual_n(values, &before, &last, &now);
             let share = (passed_s / FORCE_BALANCE_MEAN_S).at_most(1.0);
-            self.error_n += share * (residual_n - self.error_n);
+            self.error_n += share * (self.residual_n - self.error_n);
         }
         let within = libm::fabsf(self.error_n) <= values.force_error_n_max;
         let outside_ticks = if within { 0 } else { ticks };
@@ -123,6 +127,7 @@ impl ForceBalance {
         let moved_m = since.map_or(0.0, |since| {
             muscle.initial_length_m * (contraction - since.contraction)
         });
+        self.speed_m_per_s = moved_m / since_s;
         let fast_m = OVER_SPEED * values.reference_speed_m_per_s_max * since_s;
         self.fast_ticks = if libm::fabsf(moved_m) > fast_m {
             self.fast_ticks.saturating_add(ticks)
@@ -137,6 +142,17 @@ impl ForceBalance {
     /// differences over two ticks.
     pub fn is_too_fast(&self) -> bool {
         self.fast_ticks >= OVER_SPEED_TICKS
+    }
+
+    /// Speed over the last two ticks \[m/s\], upwards; 0 before the second one.
+    pub fn speed_m_per_s(&self) -> f32 {
+        self.speed_m_per_s
+    }
+
+    /// The residual \[N\], and the contraction for which it was taken: that of the tick before.
+    pub fn residual(&self) -> Option<(f32, f32)> {
+        let before = self.before?;
+        Some((self.residual_n, before.contraction))
     }
 
     /// True if the residual was outside its tolerance for too long.

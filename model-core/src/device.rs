@@ -92,6 +92,8 @@ pub struct Device<C = Controller> {
     confirmation: Confirmation,
     /// A flipped bit must not put the valve to 0 V.
     start: Voted<Option<StartFault>>,
+    /// What the self-test in the background has found.
+    found: Option<StartFault>,
     tick: u32,
     /// The last tick's output.
     output: Output,
@@ -115,6 +117,7 @@ impl<C: Control> Device<C> {
             enabling: Enabling::default(),
             confirmation: Confirmation::default(),
             start: Voted::new(None),
+            found: None,
             tick: 0,
             output: Output::default(),
         }
@@ -125,6 +128,12 @@ impl<C: Control> Device<C> {
     pub fn started(mut self, fault: Option<StartFault>) -> Device<C> {
         self.start = Voted::new(fault);
         self
+    }
+
+    /// The self-test in the background has found this: the weight is let down along the ramp, and
+    /// nothing begins until the next reset.
+    pub fn fail(&mut self, fault: StartFault) {
+        self.found = Some(fault);
     }
 
     /// Asks at the device for the proposed settings of this number (see [`crate::gate`]), or asks
@@ -178,6 +187,9 @@ impl<C: Control> Device<C> {
                 }
             }
         }
+        if self.found.is_some() {
+            request = Request::Vent;
+        }
         let (source, sensors) = match (hil, simulated) {
             (Some(_), Some(message)) => (Source::Link(message.sequence), message.sensors),
             (Some(_), None) => (Source::Silence, Sensors::default()),
@@ -190,17 +202,7 @@ impl<C: Control> Device<C> {
         let start = *self.start.recall().0.unwrap_or(&Some(StartFault::Ram));
         // A copy that has flipped is outvoted only while the two others are intact.
         self.start.set(start);
-        match start.filter(|fault| fault.prevents_assistance()) {
-            Some(fault) if source == Source::Pins => {
-                self.output = Output {
-                    mode: Mode::Venting,
-                    fault: Some(Fault::Start(fault)),
-                    ..Output::default()
-                };
-            }
-            _ if source == Source::Silence => {}
-            _ => self.output = self.controller.tick(&sensors),
-        }
+        self.control(source, &sensors, start);
         let telemetry = Telemetry {
             tick: self.tick,
             source,
@@ -221,6 +223,24 @@ impl<C: Control> Device<C> {
             armed: self.is_armed(),
             verdict,
             telemetry,
+        }
+    }
+
+    /// Runs the controller, unless there are no sensors or the start prevents it.
+    fn control(&mut self, source: Source, sensors: &Sensors, start: Option<StartFault>) {
+        match start.filter(|fault| fault.prevents_assistance()) {
+            Some(fault) if source == Source::Pins => {
+                self.output = Output {
+                    mode: Mode::Venting,
+                    fault: Some(Fault::Start(fault)),
+                    ..Output::default()
+                };
+            }
+            _ if source == Source::Silence => {}
+            _ => {
+                self.output = self.controller.tick(sensors);
+                self.output.fault = self.output.fault.or(self.found.map(Fault::Start));
+            }
         }
     }
 
@@ -469,6 +489,38 @@ mod tests {
             seen = tick(&mut device, &pressed, &[]);
         }
         assert_eq!(mode(&seen), Mode::Venting);
+    }
+
+    /// Along the ramp, as the weight may be up; a reason that was latched before stays.
+    #[test]
+    fn what_is_found_in_the_background_lets_the_weight_down_until_a_reset() {
+        let mut device = ready();
+        let assist = [Command::Request(Request::Assist)];
+        let mut seen = tick(&mut device, &resting(), &assist);
+        for _ in 0..50 {
+            seen = tick(&mut device, &resting(), &[]);
+        }
+        let before_pa = seen.telemetry.output.pressure_ref.0;
+        assert!(before_pa > 5e4, "{before_pa}");
+        device.fail(StartFault::Ram);
+        let seen = tick(&mut device, &resting(), &assist).telemetry.output;
+        let expected = (Mode::Venting, Some(Fault::Start(StartFault::Ram)));
+        assert_eq!((seen.mode, seen.fault), expected);
+        let step_pa = before_pa - seen.pressure_ref.0;
+        assert!((1.0..5e3).contains(&step_pa), "{step_pa}");
+        // Neither a request nor the button resets it.
+        let pressed = Pins {
+            button_pressed: true,
+            ..resting()
+        };
+        for n in 0..400 {
+            let pins = if n % 20 < 10 { pressed } else { resting() };
+            let request = [Request::Reset, Request::Assist][n % 2];
+            let seen = tick(&mut device, &pins, &[Command::Request(request)]);
+            let output = seen.telemetry.output;
+            assert_eq!((output.mode, output.fault), expected);
+        }
+        assert!(!device.is_armed());
     }
 
     #[test]

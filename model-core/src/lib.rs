@@ -36,6 +36,8 @@ pub mod device;
 pub mod enabling;
 pub mod error;
 pub mod gate;
+#[cfg(test)]
+mod interval;
 pub mod io;
 pub mod lamp;
 pub mod limits;
@@ -46,6 +48,7 @@ pub mod number;
 pub mod plausibility;
 pub mod pressure;
 pub mod reference;
+pub mod retreat;
 pub mod sampling;
 pub mod settings;
 pub mod signal;

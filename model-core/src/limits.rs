@@ -41,6 +41,29 @@ supervisor_limits! {
     OVER_SPEED_TICKS: u16 = 2, "tick",
         "Ticks in a row of that speed: a jump of the encoder stays in two differences.";
 
+    // What the reference does about a weight that is fast, before that is a fault.
+    DRIVEN_SPEED: f32 = 1.2, "1",
+        "Speed from which the reference does not drive the weight on, over the reference's: a \
+         lever that is shaken with the weight's own frequency adds twice the reference's speed in \
+         half a period.";
+    CATCH_TICKS: u16 = 50, "tick",
+        "Time in which the ramp down waits for a weight that falls: twice its own period.";
+
+    // Retreat from what the weight was let down on.
+    RETREAT_GIVES_WAY_M: (f32, f32) = (2e-4, 6e-3), "m",
+        "Least and most by which the weight sinks while the muscle's last 65 N go over to a limb: \
+         200 N/mm are stiffer than a skull, 11 N/mm softer than a chest (ISO/TS 15066, table A.3).";
+    RETREAT_RESTS_TICKS: u8 = 15, "tick",
+        "Time for which it has then rested there: a lighter payload sinks by 12 mm meanwhile.";
+    RETREAT_M: f32 = 0.010, "m",
+        "Height of the retreat: what a limb gives way (2 mm) and what friction and hysteresis hold \
+         back (30 N over the muscle's 4 N/mm). With an encoder that has jumped by 15 mm, which its \
+         step limit lets pass, the 25 mm in which no finger is crushed (ISO 13854).";
+    RETREAT_TICKS: u8 = 250, "tick",
+        "Time of a retreat: half a second to rise at the ramp's rate, 2 s to draw a limb away.";
+    RETREATS_MAX: u8 = 3, "1",
+        "Retreats after a self-check: what is still below then is no limb.";
+
     // Time limits.
     EMPTIED_TICKS: u16 = 500, "tick",
         "Time after which a vented valve has emptied a muscle whose pressure sensor has failed.";

@@ -14,7 +14,7 @@ use crate::settings::SettingsValues;
 use crate::start::StartFault;
 use crate::supervisor::Fault;
 use crate::timing::Timing;
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, Digest};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub const VERSION: u8 = 7;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 
-const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+static CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 const CHECKSUM_LEN: usize = 4;
 /// The first COBS code and the terminating zero.
 const OVERHEAD_LEN: usize = 2;
@@ -196,6 +196,31 @@ pub enum Crash {
     Interrupt(i16),
 }
 
+impl ResetCause {
+    /// Its name, for the log.
+    pub fn name(self) -> &'static str {
+        match self {
+            ResetCause::Power => "Power",
+            ResetCause::Pin => "Pin",
+            ResetCause::Software => "Software",
+            ResetCause::Watchdog => "Watchdog",
+            ResetCause::Other => "Other",
+        }
+    }
+}
+
+impl Crash {
+    /// Its name, for the log; the identity has the details.
+    pub fn name(self) -> &'static str {
+        match self {
+            Crash::Panic { .. } => "Panic",
+            Crash::HardFault { .. } => "HardFault",
+            Crash::StackOverflow { .. } => "StackOverflow",
+            Crash::Interrupt(_) => "Interrupt",
+        }
+    }
+}
+
 /// Data that the firmware keeps across a reset, as a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
@@ -219,27 +244,83 @@ pub const IMAGE_CHECKSUM_AT: usize = 0x1c;
 /// See [`IMAGE_CHECKSUM_AT`].
 pub const IMAGE_LENGTH_AT: usize = 0x20;
 
-/// Whether `flash`, which begins with an image, has the image's checksum; none if the image was
-/// flashed without one. The checksum is the CRC-32 of the image with 0 in its own place.
-pub fn check_image(flash: &[u8]) -> Option<bool> {
-    let word = |at: usize| {
-        let bytes = flash.get(at..at.checked_add(4)?)?.try_into().ok()?;
-        Some(u32::from_le_bytes(bytes))
-    };
-    let (expected, length) = (word(IMAGE_CHECKSUM_AT)?, word(IMAGE_LENGTH_AT)?);
-    if length == 0 && expected == 0 {
-        return None;
+/// What is known of the image in flash.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageState {
+    /// A part of it is not yet read.
+    Unfinished,
+    /// It was flashed without a checksum.
+    Unsealed,
+    /// It has its checksum, or has another.
+    Sealed(bool),
+}
+
+/// Compares the image in flash with its checksum, a part at a time, again and again. The checksum
+/// is the CRC-32 of the image with 0 in its own place.
+pub struct ImageCheck {
+    digest: Digest<'static, u32>,
+    /// Bytes that are read.
+    at: usize,
+}
+
+impl Default for ImageCheck {
+    fn default() -> ImageCheck {
+        ImageCheck {
+            digest: CHECKSUM.digest(),
+            at: 0,
+        }
     }
-    let before = flash.get(..IMAGE_CHECKSUM_AT);
-    let after = flash.get(IMAGE_LENGTH_AT..length as usize);
-    let (Some(before), Some(after)) = (before, after) else {
-        return Some(false);
-    };
-    let mut digest = CHECKSUM.digest();
-    digest.update(before);
-    digest.update(&[0; 4]);
-    digest.update(after);
-    Some(digest.finalize() == expected)
+}
+
+impl ImageCheck {
+    /// Reads so many more bytes of `flash`, which begins with an image, at most. Restarts with a
+    /// result.
+    pub fn step(&mut self, flash: &[u8], bytes: usize) -> ImageState {
+        let word = |at: usize| {
+            let bytes = flash.get(at..at.checked_add(4)?)?.try_into().ok()?;
+            Some(u32::from_le_bytes(bytes))
+        };
+        let (Some(expected), Some(length)) = (word(IMAGE_CHECKSUM_AT), word(IMAGE_LENGTH_AT))
+        else {
+            return ImageState::Unsealed;
+        };
+        if length == 0 && expected == 0 {
+            return ImageState::Unsealed;
+        }
+        let length = length as usize;
+        if self.at == IMAGE_CHECKSUM_AT {
+            self.digest.update(&[0; 4]);
+            self.at = IMAGE_LENGTH_AT;
+        } else if self.at < length {
+            // The checksum begins a part of its own.
+            let ends_at = if self.at < IMAGE_CHECKSUM_AT {
+                IMAGE_CHECKSUM_AT
+            } else {
+                length
+            };
+            let part = self.at..ends_at.min(self.at.saturating_add(bytes));
+            self.at = part.end;
+            // An image that is longer than the flash is none.
+            self.digest.update(flash.get(part).unwrap_or_default());
+        }
+        if self.at < length.max(IMAGE_LENGTH_AT) && length <= flash.len() {
+            return ImageState::Unfinished;
+        }
+        let done = core::mem::take(self);
+        ImageState::Sealed(length <= flash.len() && done.digest.finalize() == expected)
+    }
+}
+
+/// Whether `flash`, which begins with an image, has the image's checksum; none if the image was
+/// flashed without one.
+pub fn check_image(flash: &[u8]) -> Option<bool> {
+    let mut check = ImageCheck::default();
+    // Before the checksum, the checksum, and after it.
+    let states = [(); 3].map(|()| check.step(flash, usize::MAX));
+    states.into_iter().find_map(|state| match state {
+        ImageState::Sealed(is_right) => Some(is_right),
+        _ => None,
+    })
 }
 
 /// Writes `message` as a frame into `buffer`; returns the frame with its terminating zero.
@@ -505,6 +586,52 @@ mod tests {
             bytes.extend(&whole);
             let all = received(&bytes);
             prop_assert_eq!(all.last(), Some(&Some(message)));
+        }
+    }
+
+    /// An image of 200 bytes with its length and its checksum, in a flash of 256.
+    fn sealed() -> [u8; 256] {
+        let mut flash: [u8; 256] = core::array::from_fn(|at| at as u8);
+        flash[IMAGE_LENGTH_AT..][..4].copy_from_slice(&200_u32.to_le_bytes());
+        flash[IMAGE_CHECKSUM_AT..][..4].fill(0);
+        let checksum = CHECKSUM.checksum(&flash[..200]);
+        flash[IMAGE_CHECKSUM_AT..][..4].copy_from_slice(&checksum.to_le_bytes());
+        flash
+    }
+
+    /// The first result with parts of this length, and the second.
+    fn results(flash: &[u8], bytes: usize) -> [Option<ImageState>; 2] {
+        let mut check = ImageCheck::default();
+        let mut results = (0..1000)
+            .map(|_| check.step(flash, bytes))
+            .filter(|state| *state != ImageState::Unfinished);
+        [results.next(), results.next()]
+    }
+
+    #[test]
+    fn image_is_checked_in_parts_of_any_length_again_and_again() {
+        let flash = sealed();
+        for bytes in [1, 3, 28, 32, 200, usize::MAX] {
+            let right = Some(ImageState::Sealed(true));
+            assert_eq!(results(&flash, bytes), [right; 2], "{bytes}");
+        }
+        assert_eq!(check_image(&flash), Some(true));
+        let unsealed = [7; IMAGE_CHECKSUM_AT];
+        assert_eq!(check_image(&unsealed), None);
+        let mut unsealed = flash;
+        unsealed[IMAGE_CHECKSUM_AT..][..8].fill(0);
+        assert_eq!(check_image(&unsealed), None);
+        assert_eq!(results(&unsealed, 32), [Some(ImageState::Unsealed); 2]);
+    }
+
+    #[test]
+    fn any_changed_bit_of_an_image_is_found() {
+        for bit in 0..8 * 200 {
+            let mut flash = sealed();
+            flash[bit / 8] ^= 1 << (bit % 8);
+            let wrong = Some(ImageState::Sealed(false));
+            assert_eq!(results(&flash, 32), [wrong; 2], "bit {bit}");
+            assert_eq!(check_image(&flash), Some(false), "bit {bit}");
         }
     }
 }

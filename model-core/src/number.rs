@@ -39,9 +39,9 @@ impl Number for f64 {
 }
 
 /// `value` limited to ±`magnitude`; zero for NaN.
-pub(crate) fn limited(value: f32, magnitude: f32) -> f32 {
+pub(crate) fn limited<T: Number>(value: T, magnitude: T) -> T {
     if value.is_nan() {
-        0.0
+        T::zero()
     } else {
         value.at_least(-magnitude).at_most(magnitude)
     }
@@ -60,7 +60,7 @@ mod tests {
         for (a, b) in [(1.0, f64::NAN), (f64::NAN, 1.0)] {
             assert_eq!((a.at_least(b), a.at_most(b)), (1.0, 1.0));
         }
-        assert_eq!(limited(f32::NAN, 2.0), 0.0);
+        assert_eq!(limited(f32::NAN, 2.0), 0.0_f32);
         assert_eq!(
             [-9.0, 1.0, 9.0].map(|value| limited(value, 2.0)),
             [-2.0, 1.0, 2.0]

@@ -25,8 +25,8 @@ pub fn reference_pressure<T: Number>(
     let area_m2 = muscle.force_per_pressure_m2(limited);
     let pressure_pa = (reference_force_n - muscle.gamma_n) / area_m2;
     // A limit below zero is none.
-    if area_m2 > T::zero() && pressure_pa > T::zero() && supply.0 > T::zero() {
-        GaugePa(pressure_pa.at_most(supply.0))
+    if area_m2 > T::zero() && supply.0 > T::zero() {
+        GaugePa(T::zero().at_least(pressure_pa).at_most(supply.0))
     } else {
         GaugePa(T::zero())
     }

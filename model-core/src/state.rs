@@ -4,6 +4,7 @@ use crate::compensation::CompensationState;
 use crate::consistency::{ForceBalance, PressureFollower};
 use crate::number::Number;
 use crate::plausibility::{BadTickCount, SensorMonitor};
+use crate::retreat::Retreat;
 use crate::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use crate::signal::EncoderCount;
 use crate::supervisor::{Decision, Fault, Mode};
@@ -59,6 +60,8 @@ pub struct State {
     pub follower: PressureFollower,
     /// Compares the muscle's force with the weight's.
     pub balance: ForceBalance,
+    /// The retreat from what carries the weight.
+    pub retreat: Retreat,
     /// State of the compensation.
     pub compensation: CompensationState,
 }
@@ -121,10 +124,16 @@ impl State {
 
 /// A reference within its limits; zero for NaN.
 pub(crate) fn limited_pa(values: &SettingsValues, pressure_pa: f32) -> f32 {
+    within_pa(pressure_pa, values.pressure_pa_max)
+}
+
+/// A pressure from zero to `most_pa`; zero for NaN.
+#[inline]
+pub(crate) fn within_pa<T: Number>(pressure_pa: T, most_pa: T) -> T {
     if pressure_pa.is_nan() {
-        0.0
+        T::zero()
     } else {
-        pressure_pa.at_least(0.0).at_most(values.pressure_pa_max)
+        pressure_pa.at_least(T::zero()).at_most(most_pa)
     }
 }
 

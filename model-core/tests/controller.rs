@@ -902,6 +902,88 @@ fn fault_of(bench: &mut Bench, change: fn(&mut Bench)) -> Option<(Fault, u32)> {
     })
 }
 
+/// Requests to vent, and lets the weight down until it meets something at ε = 0.1 that gives way by
+/// this stiffness; from the second of contact on `change` is called. Returns ε over 6 s.
+fn let_down_on(stiffness_n_per_m: f32, change: fn(&mut Bench)) -> Vec<f32> {
+    const MET_AT: f32 = 0.1;
+    let mut bench = lifted();
+    let muscle = bench.controller.settings().muscle;
+    let weight_n = 12.0 * 9.80665;
+    let mut touched_ticks = 0;
+    let contractions = (0..600).map(|_| {
+        bench.request = Request::Vent;
+        if touched_ticks > 10 {
+            change(&mut bench);
+        }
+        let output = bench.tick_in_balance();
+        let pressure = GaugePa(output.pressure_ref.0);
+        let carried_n =
+            |contraction: f32| weight_n - muscle.force_n(contraction, pressure).max(0.0);
+        if bench.contraction < MET_AT && carried_n(MET_AT) > 0.0 {
+            touched_ticks += 1;
+            // Where the limb carries what the muscle does not, by bisection.
+            let (mut low, mut high) = (0.0, MET_AT);
+            for _ in 0..40 {
+                let middle = 0.5 * (low + high);
+                let limb_n = stiffness_n_per_m * (MET_AT - middle) * muscle.initial_length_m;
+                *(if limb_n > carried_n(middle) {
+                    &mut low
+                } else {
+                    &mut high
+                }) = middle;
+            }
+            bench.contraction = high;
+        }
+        bench.contraction
+    });
+    contractions.collect()
+}
+
+/// Ticks in a row below ε = 0.1, at most, and the highest ε after the first of them.
+fn contact_and_retreat(contractions: &[f32]) -> (usize, f32) {
+    let is_met = |contraction: &f32| *contraction < 0.1;
+    let first = contractions.iter().position(is_met).expect("it is met");
+    let after = &contractions[first..];
+    let longest = after
+        .chunk_by(|a, b| is_met(a) == is_met(b))
+        .filter(|run| is_met(&run[0]));
+    let longest = longest.map(<[f32]>::len).max().expect("a contact");
+    (longest, after.iter().copied().fold(0.0, f32::max))
+}
+
+/// A limb is free again in 1.1 s: the ramp of 200 kPa/s takes 56 kPa to put 105 N on it, which the
+/// force balance finds 0.2 s later; by then they are 96 kPa, which it takes as long to bring back.
+/// From a chest to a skull: ISO/TS 15066, table A.3.
+#[test]
+fn weight_that_is_let_down_on_a_limb_is_lifted_off_it() {
+    for stiffness_n_per_m in [25e3, 75e3, 150e3] {
+        let contractions = let_down_on(stiffness_n_per_m, |_| {});
+        let (contact_ticks, highest) = contact_and_retreat(&contractions);
+        assert!(
+            contact_ticks <= 110,
+            "{stiffness_n_per_m}: {contact_ticks} ticks"
+        );
+        // It rises by the retreat from where it was carried, which is below 0.1.
+        assert!(highest > 0.1 && highest < 0.1 + 0.015 / 0.3, "{highest}");
+    }
+}
+
+/// An encoder that stands still is no limb, nor is what gives way like a rope; and nothing rises
+/// while a reading is in doubt.
+#[test]
+fn nothing_retreats_without_a_limb_or_with_a_reading_in_doubt() {
+    let stands_still = let_down_on(1e9, |_| {});
+    let gives_way = let_down_on(5e3, |_| {});
+    let no_pressure = let_down_on(75e3, |bench| bench.pressure_pa = -1e5);
+    for contractions in [stands_still, gives_way, no_pressure] {
+        let (contact_ticks, highest) = contact_and_retreat(&contractions);
+        assert!(
+            contact_ticks > 200 && highest < 0.1,
+            "{contact_ticks} ticks, {highest}"
+        );
+    }
+}
+
 #[test]
 fn a_pressure_above_its_trip_level_is_a_fault() {
     // In steps that the sensor's step limit allows; a tick earlier it would be another fault.

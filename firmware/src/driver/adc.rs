@@ -3,6 +3,7 @@
 
 use super::valve::Valve;
 use crate::board::{BridgePin, PressurePin};
+use core::ops::Range;
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 use embedded_hal::delay::DelayNs;
 use model_core::sampling::{INPUTS, NOT_CONVERTED, SAMPLES, Sampler};
@@ -23,6 +24,12 @@ use stm32f4xx_hal::{ClearFlags, Listen, adc};
 
 /// The buffer of the DMA: atomics, because the CPU reads while the DMA may write.
 static CONVERSIONS: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
+
+/// Addresses of that buffer.
+pub fn buffer() -> Range<u32> {
+    let Range { start, end } = CONVERSIONS.as_ptr_range();
+    start as u32 & !3..(end as u32).next_multiple_of(4)
+}
 
 /// Time for the reference and for the valve's voltage to settle \[µs\].
 const SETTLE_US: u32 = 20;

@@ -5,6 +5,20 @@ use rig_drivers::store::Sectors;
 use stm32f4xx_hal::flash::FlashExt;
 use stm32f4xx_hal::pac::FLASH;
 
+/// Address of the flash.
+const FLASH_START: usize = 0x0800_0000;
+
+/// The program: what is flashed below the settings.
+pub fn program() -> &'static [u8] {
+    let [(_, settings), _] = SETTINGS_SECTORS;
+    let address = FLASH_START as *const u8;
+    #[allow(unsafe_code)]
+    // SAFETY: the flash is readable there, and nothing in this program writes to it.
+    unsafe {
+        core::slice::from_raw_parts(address, settings.start)
+    }
+}
+
 /// The flash controller.
 pub struct Flash(FLASH);
 
@@ -12,12 +26,6 @@ impl Flash {
     /// Takes the flash controller.
     pub fn new(flash: FLASH) -> Flash {
         Flash(flash)
-    }
-
-    /// The program.
-    pub fn program(&self) -> &[u8] {
-        let [(_, settings), _] = SETTINGS_SECTORS;
-        &self.0.read()[..settings.start]
     }
 
     /// The option BOR_LEV: 0 resets the chip below 2.7 V, 3 only below 1.8 V.

@@ -103,7 +103,7 @@ impl Devices {
         let stack_free_bytes = crash::stack_free_bytes();
         let ram = ram::holds_patterns();
         let flash = Flash::new(device.FLASH);
-        let image = link::check_image(flash.program());
+        let image = link::check_image(flash::program());
         let ports = Ports {
             a: device.GPIOA,
             b: device.GPIOB,

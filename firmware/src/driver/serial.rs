@@ -3,6 +3,7 @@
 //! `embedded-io`.
 
 use crate::board::{self, LinkPins};
+use core::ops::Range;
 use core::sync::atomic::{AtomicU8, Ordering::Relaxed};
 use embedded_hal::delay::DelayNs;
 use stm32f4xx_hal::ClearFlags;
@@ -25,6 +26,13 @@ const LAST_BYTES_US: u32 = (3 * 10 * 1_000_000_u32).div_ceil(board::LINK_BAUD);
 /// The buffers of the DMA: atomics, because the CPU accesses them at the same time.
 static RECEIVED: [AtomicU8; BUFFER_LEN] = [const { AtomicU8::new(0) }; BUFFER_LEN];
 static TO_SEND: [AtomicU8; BUFFER_LEN] = [const { AtomicU8::new(0) }; BUFFER_LEN];
+
+/// Addresses of these buffers, and what lies between them.
+pub fn buffers() -> Range<u32> {
+    let [received, to_send] = [&RECEIVED, &TO_SEND].map(|buffer| buffer.as_ptr_range());
+    let start = received.start.min(to_send.start) as u32;
+    start & !3..(received.end.max(to_send.end) as u32).next_multiple_of(4)
+}
 
 /// The serial port.
 pub struct Serial {

@@ -103,12 +103,13 @@ fn run_cases(args: &Args, without: Option<SafetyFunction>) -> Result<Vec<Outcome
 
 /// Runs the campaign without each safety function; true if each time a case violates a bound.
 fn without_each(args: &Args) -> Result<bool, Failure> {
-    let mut summaries = Vec::new();
+    let (mut summaries, mut all_needed) = (Vec::new(), true);
     for function in SafetyFunction::ALL {
         let outcomes = run_cases(args, Some(function))?;
-        summaries.push(AblationSummary::new(function, &outcomes));
+        let summary = AblationSummary::new(function, &outcomes);
+        all_needed &= summary.violating > 0 || function.needs_limb();
+        summaries.push(summary);
     }
-    let all_needed = summaries.iter().all(|summary| summary.violating > 0);
     let report = report_ablation(args.seed, &summaries);
     args.results.finish(report, &summaries)?;
     Ok(all_needed)

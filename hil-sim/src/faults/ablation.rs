@@ -41,11 +41,13 @@ pub enum SafetyFunction {
     MemoryVote,
     /// The emergency stop lets the weight down, and nothing begins while it is open.
     EmergencyStop,
+    /// A weight that was let down on something, such as a foot, is lifted again.
+    Retreat,
 }
 
 impl SafetyFunction {
     /// All safety functions.
-    pub const ALL: [SafetyFunction; 13] = [
+    pub const ALL: [SafetyFunction; 14] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
@@ -59,6 +61,7 @@ impl SafetyFunction {
         SafetyFunction::SelfCheck,
         SafetyFunction::MemoryVote,
         SafetyFunction::EmergencyStop,
+        SafetyFunction::Retreat,
     ];
 
     /// The name on the command line and in JSON.
@@ -77,7 +80,13 @@ impl SafetyFunction {
             SafetyFunction::SelfCheck => "SelfCheck",
             SafetyFunction::MemoryVote => "MemoryVote",
             SafetyFunction::EmergencyStop => "EmergencyStop",
+            SafetyFunction::Retreat => "Retreat",
         }
+    }
+
+    /// Whether it acts on a limb in the weight's way only, of which the campaign has none.
+    pub fn needs_limb(self) -> bool {
+        self == SafetyFunction::Retreat
     }
 
     /// The safety function of that name, if any.
@@ -175,7 +184,11 @@ impl AblatedController {
     fn release(&self, state: &mut State, target: &mut Target) {
         match self.without {
             Some(SafetyFunction::WeightWatch) => target.may_only_fall = false,
-            Some(SafetyFunction::ReferenceSpeed) => target.rate_pa_per_s_max = f32::MAX,
+            Some(SafetyFunction::Retreat) => state.retreat.end(),
+            Some(SafetyFunction::ReferenceSpeed) => {
+                target.rate_pa_per_s_max = f32::MAX;
+                target.fast_m_per_s = 0.0;
+            }
             Some(SafetyFunction::VentRamp) if state.mode == Mode::Venting => {
                 // Skips the ramp.
                 state.pressure_ref_pa = 0.0;
@@ -252,7 +265,7 @@ mod tests {
     fn names_are_those_of_the_command_line() {
         let names = "SensorRange SensorStep SensorStuck PressureWatch WeightWatch SpeedTrip \
                      ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote \
-                     EmergencyStop";
+                     EmergencyStop Retreat";
         assert!(
             names
                 .split(' ')

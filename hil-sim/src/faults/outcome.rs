@@ -4,7 +4,7 @@ use super::bounds::Bounds;
 use super::kind::{Inject, Latched};
 use super::unit::DeviceOutput;
 use super::{AFTER_S, Case, Moment};
-use model_core::limits::STOP_CONTRACTION;
+use model_core::limits::{RETREAT_TICKS, STOP_CONTRACTION};
 use model_core::supervisor::{Fault, Mode};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::Simulation;
@@ -13,6 +13,8 @@ use serde::{Serialize, Serializer};
 
 /// Final interval in which the weight must be at rest \[s\].
 pub(super) const END_S: f64 = 0.3;
+/// Time of a retreat \[s\].
+const RETREAT_S: f64 = 0.01 * RETREAT_TICKS as f64;
 /// Highest speed that counts as rest \[m/s\]: a press may close at 10 mm/s beside a person, who can
 /// withdraw in time (ISO 16092-3).
 const REST_M_PER_S: f64 = 0.01;
@@ -100,6 +102,10 @@ pub(super) struct CaseMonitor<'a> {
     outcome: Outcome,
     fault_occurred: bool,
     height_at_fault_m: f64,
+    /// The last reference \[Pa\].
+    reference_pa: f32,
+    /// The reference has last risen while the controller vents, in a retreat \[s\].
+    lifted_s: Option<f64>,
     /// The weight has come to its stop so long after the fault \[s\].
     stopped_after_s: Option<f64>,
     /// Assistance has begun after the fault and before the hand moves. Later the force of the hand
@@ -136,6 +142,8 @@ impl CaseMonitor<'_> {
             outcome,
             fault_occurred: false,
             height_at_fault_m: 0.0,
+            reference_pa: 0.0,
+            lifted_s: None,
             stopped_after_s: None,
             assisting_after_fault: false,
         }
@@ -150,7 +158,10 @@ impl CaseMonitor<'_> {
     /// Time at which the case ends \[s\].
     pub(super) fn ends_s(&self) -> f64 {
         let latched_s = self.outcome.latched_after_s.unwrap_or(0.0) + self.case.fault_s;
-        self.case.ends_s.max(latched_s + AFTER_S)
+        let ends_s = self.case.ends_s.max(latched_s + AFTER_S);
+        let let_down_s = |lifted_s| lifted_s + RETREAT_S + AFTER_S;
+        self.lifted_s
+            .map_or(ends_s, |lifted_s| ends_s.max(let_down_s(lifted_s)))
     }
 
     fn height_m(&self, simulation: &Simulation) -> f64 {
@@ -196,6 +207,11 @@ impl CaseMonitor<'_> {
         let before_motion = time_s < self.case.finger.followed_s().start;
         self.assisting_after_fault |= begins && self.fault_occurred && before_motion;
         self.outcome.mode = device.output.mode;
+        let reference_pa = device.output.pressure_ref.0;
+        if self.outcome.mode == Mode::Venting && reference_pa > self.reference_pa {
+            self.lifted_s = Some(time_s);
+        }
+        self.reference_pa = reference_pa;
         let outcome = &mut self.outcome;
         if device.output.fault.is_some() {
             outcome.reason = device.output.fault;

@@ -1,9 +1,10 @@
 //! One case: a rig, a person, limbs in the way, and a sequence of events.
 
-use super::body::{FOOT, HAND, TRANSIENT_S};
+use super::body::{CONTROLLED_M_PER_S, FOOT, HAND, TRANSIENT_S};
 use super::event::{Event, What};
 use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
 use hil_sim::bench::person::Finger;
+use hil_sim::faults::unit::DeviceOutput;
 use hil_sim::rig::Rig;
 use model_core::controller::Control;
 use model_core::device::{Command, Device, Pins};
@@ -23,12 +24,56 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 const TICK_S: f64 = 0.01;
+/// Time after the last edge of the pulses in which the valve in the port shuts, at most \[s\]: its
+/// coil is switched off after 23.3 ms (docs/wiring.md), its spring takes 10 ms.
+const PORT_SHUTS_S: f64 = 0.0233 + 0.01;
 /// Time after which the last event has ended \[s\].
 const EVENTS_S: f64 = 6.0;
 /// Time in which the weight comes to rest again \[s\].
 const AFTER_S: f64 = 3.8;
+/// Time in which a person draws a limb away that is free \[s\].
+const DRAWN_AWAY_S: f64 = 1.0;
 /// The board takes the mean of so many conversions, over the whole period.
 const SCANS: u32 = 16;
+
+/// What is under test: the device on this PC, or a board.
+pub trait Unit {
+    /// One tick, before which so many were missed.
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, request: Request) -> DeviceOutput;
+
+    /// Misses a tick.
+    fn skip(&mut self);
+
+    /// Flips a bit in a copy of the state.
+    fn flip(&mut self, bit: usize);
+}
+
+/// The device on this PC.
+struct OnPc<C>(Device<C>);
+
+impl<C: Control> Unit for OnPc<C> {
+    fn tick(&mut self, pins: &Pins, missed_ticks: u8, request: Request) -> DeviceOutput {
+        let command = (request != Request::None).then_some(Command::Request(request));
+        let timing = Timing {
+            missed_ticks,
+            ..Timing::default()
+        };
+        let tick = self.0.tick(pins, timing, command.into_iter());
+        DeviceOutput {
+            valve: tick.valve,
+            output: tick.telemetry.output,
+            port_pulse: tick.port_pulse,
+        }
+    }
+
+    fn skip(&mut self) {}
+
+    fn flip(&mut self, bit: usize) {
+        let states = self.0.controller_mut().memory_mut().state.copies_mut();
+        let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
+        states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+    }
+}
 
 /// A case.
 #[derive(Clone, Debug)]
@@ -36,6 +81,8 @@ pub struct Case {
     pub events: Vec<Event>,
     /// The rig has an enabling device, which the person lets go with everything else.
     pub enabling: bool,
+    /// The rig has the valve in the muscle's port (docs/wiring.md).
+    pub port: bool,
     /// A limb is in the way: above at this height \[m\], below at that.
     pub hand_m: Option<f64>,
     pub foot_m: Option<f64>,
@@ -116,6 +163,7 @@ impl Case {
         Case {
             events,
             enabling: false,
+            port: false,
             hand_m: None,
             foot_m: None,
             finger: Finger::Lift {
@@ -150,9 +198,12 @@ impl Case {
                 What::Snag => plant.add(Term::Load(Box::new(Snag(during_s)))),
                 What::Force(n) => plant.add(Term::Load(Box::new(Force(during_s, n)))),
                 What::Exchanged(by) => plant.add(Term::Load(Box::new(Exchanged(during_s, by)))),
-                What::ValveShut => plant.add(Term::Valve(Box::new(Valve(during_s, None)))),
+                What::ValveShut => plant.add(Term::Valve(Box::new(Valve(during_s, 0.0, 0.0)))),
                 What::ValveAt(share) => {
-                    plant.add(Term::Valve(Box::new(Valve(during_s, Some(share)))));
+                    plant.add(Term::Valve(Box::new(Valve(during_s, share, 1.0))));
+                }
+                What::ValveAjar(share, flow) => {
+                    plant.add(Term::Valve(Box::new(Valve(during_s, share, flow))));
                 }
                 What::Supply(share, period_s) => {
                     plant.add(Term::Supply(Box::new(Supply(during_s, share, period_s))));
@@ -217,8 +268,14 @@ impl Case {
         !self.is_let_go(time_s)
     }
 
-    /// Runs it with this controller.
+    /// Runs it with this controller, on this PC.
     pub fn run<C: Control>(&self, controller: C, settings: &Settings) -> Outcome {
+        let mut unit = OnPc(Device::with_controller(controller));
+        self.run_on(&mut unit, settings)
+    }
+
+    /// Runs it on a unit with these settings.
+    pub fn run_on(&self, unit: &mut impl Unit, settings: &Settings) -> Outcome {
         let limb = self.limb();
         let plant = self.plant(limb.as_ref());
         let initial = Initial::vented(&plant);
@@ -230,14 +287,17 @@ impl Case {
             simulation,
             drive,
             limb,
-            device: Device::with_controller(controller),
+            unit,
             random: Pcg64Mcg::seed_from_u64(self.seed),
             frozen: None,
             outcome: Outcome::default(),
             let_go_m: None,
             over_s: 0.0,
             touched_s: 0.0,
+            free_s: None,
             missed: 0,
+            port_pulse: false,
+            pulsed_s: 0.0,
             mode: Mode::SelfCheck,
             flipped: false,
             is_beyond: false,
@@ -264,13 +324,13 @@ impl Case {
     }
 }
 
-struct Running<'a, C> {
+struct Running<'a, U> {
     case: &'a Case,
     values: &'a SettingsValues,
     simulation: Simulation,
     drive: Drive,
     limb: Option<Limb>,
-    device: Device<C>,
+    unit: &'a mut U,
     random: Pcg64Mcg,
     /// Bridge, pressure and encoder as they were when they froze.
     frozen: Option<(AdcCount, AdcCount, EncoderCount)>,
@@ -279,13 +339,18 @@ struct Running<'a, C> {
     let_go_m: Option<f64>,
     over_s: f64,
     touched_s: f64,
+    /// Time for which the limb has been free since it was touched \[s\].
+    free_s: Option<f64>,
     missed: u8,
+    /// The last level for the valve in the port, and since when it is that.
+    port_pulse: bool,
+    pulsed_s: f64,
     mode: Mode,
     flipped: bool,
     is_beyond: bool,
 }
 
-impl<C: Control> Running<'_, C> {
+impl<U: Unit> Running<'_, U> {
     fn height_m(&self) -> f64 {
         self.simulation.contraction() * self.case.rig.nominal.muscle.initial_length_m
     }
@@ -294,21 +359,23 @@ impl<C: Control> Running<'_, C> {
         let time_s = f64::from(number) * TICK_S;
         self.flip(time_s);
         let pins = self.pins(time_s);
-        if !self.misses(time_s, number) {
+        if self.misses(time_s, number) {
+            self.unit.skip();
+        } else {
             let request = self.case.request(time_s, self.mode, number);
-            let command = (request != Request::None).then_some(Command::Request(request));
-            let timing = Timing {
-                missed_ticks: std::mem::take(&mut self.missed),
-                ..Timing::default()
-            };
-            let tick = self.device.tick(&pins, timing, command.into_iter());
-            let output = tick.telemetry.output;
+            let missed_ticks = std::mem::take(&mut self.missed);
+            let tick = self.unit.tick(&pins, missed_ticks, request);
+            let output = tick.output;
             (self.mode, self.outcome.fault) = (output.mode, output.fault.or(self.outcome.fault));
+            if tick.port_pulse != self.port_pulse {
+                (self.port_pulse, self.pulsed_s) = (tick.port_pulse, time_s);
+            }
             let count = self.dac(time_s, tick.valve);
             self.drive.reference.0 = f64::from(self.values.valve_drive.pressure(count).0);
         }
         for part in 1..=5 {
             let until_s = time_s + f64::from(part) * TICK_S / 5.0;
+            self.drive.shut = self.case.port && until_s > self.pulsed_s + PORT_SHUTS_S;
             if self.simulation.advance(&self.drive, until_s).is_err() {
                 // The weight is flung beyond what the plant models.
                 self.outcome.up_m_per_s = f64::INFINITY;
@@ -346,9 +413,7 @@ impl<C: Control> Running<'_, C> {
         let Some(bit) = flips.next() else { return };
         drop(flips);
         if !std::mem::replace(&mut self.flipped, true) {
-            let states = self.device.controller_mut().memory_mut().state.copies_mut();
-            let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
-            states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+            self.unit.flip(bit);
         }
     }
 
@@ -423,6 +488,7 @@ impl<C: Control> Running<'_, C> {
             encoder: chosen.2,
             // It is gripped after the self-check.
             enabling_closed: case.enabling && !is_let_go && time_s > 0.8,
+            stop_open: [case.happens(time_s).any(|(what, _)| *what == What::Stops); 2],
             ..Pins::default()
         }
     }
@@ -442,8 +508,12 @@ impl<C: Control> Running<'_, C> {
             outcome.unasked_m = outcome.unasked_m.max(height_m - from_m);
         }
         let Some(limb) = &self.limb else { return };
-        // A foot gets below what is lifted, and what is drawn away is not there again.
-        if !limb.is_above && time_s > 2.5 && height_m > limb.height_m + 0.005 {
+        // A foot gets below what is lifted, and what was drawn away is not there again.
+        let is_drawn_away = self.free_s.is_some_and(|free_s| free_s > DRAWN_AWAY_S);
+        let gets_below = time_s > 2.5 && height_m > limb.height_m + 0.005;
+        if is_drawn_away {
+            limb.is_there.store(false, Ordering::Relaxed);
+        } else if !limb.is_above && gets_below {
             limb.is_there.store(true, Ordering::Relaxed);
         }
         let force_n = if limb.is_there.load(Ordering::Relaxed) {
@@ -458,10 +528,14 @@ impl<C: Control> Running<'_, C> {
             0.0
         };
         self.touched_s = if force_n > 20.0 {
+            self.free_s = Some(0.0);
             self.touched_s + step_s
         } else {
             0.0
         };
+        if let Some(free_s) = &mut self.free_s {
+            *free_s = if force_n > 0.0 { 0.0 } else { *free_s + step_s };
+        }
         outcome.pressed_s = outcome.pressed_s.max(self.over_s);
         outcome.contact_s = outcome.contact_s.max(self.touched_s);
     }
@@ -480,13 +554,14 @@ impl Outcome {
     /// The bounds of the body that were violated.
     pub fn violations(&self, case: &Case) -> Vec<&'static str> {
         let limb = case.limb().map(|limb| limb.region);
-        let mass_kg = 12.0;
+        let speed_m_per_s = if self.needs_hardware {
+            HAND.speed_m_per_s(12.0)
+        } else {
+            CONTROLLED_M_PER_S
+        };
         let checks = [
-            ("speed up", self.up_m_per_s > HAND.speed_m_per_s(mass_kg)),
-            (
-                "speed down",
-                self.down_m_per_s > HAND.speed_m_per_s(mass_kg),
-            ),
+            ("speed up", self.up_m_per_s > speed_m_per_s),
+            ("speed down", self.down_m_per_s > speed_m_per_s),
             (
                 "height not asked for",
                 self.unasked_m > super::body::UNASKED_M,

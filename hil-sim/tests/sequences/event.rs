@@ -15,6 +15,9 @@ pub enum What {
     ValveShut,
     /// The valve controls the pressure to this share of the supply.
     ValveAt(f64),
+    /// The same with this share of its flow: it does not close. Scenarios have it, random cases do
+    /// not.
+    ValveAjar(f64, f64),
     /// The supply falls to this share; again and again with this period \[s\].
     Supply(f64, Option<f64>),
     /// This bit of the DAC is always 0.
@@ -40,6 +43,8 @@ pub enum What {
     Flip(usize),
     /// The person lets go of everything.
     LetsGo,
+    /// Somebody presses the emergency stop. Scenarios have it, random cases do not.
+    Stops,
     /// Amplitude \[m\] and frequency \[Hz\] of the finger beside its lift.
     Shakes(f64, f64),
     /// The finger moves to this place in 50 ms \[m\].
@@ -94,7 +99,11 @@ impl What {
     /// the energy, as docs/safety.md says.
     pub fn needs_hardware(&self) -> bool {
         match self {
-            What::ValveShut | What::ValveAt(_) | What::Supply(..) | What::Snag => true,
+            What::ValveShut
+            | What::ValveAt(_)
+            | What::ValveAjar(..)
+            | What::Supply(..)
+            | What::Snag => true,
             What::Exchanged(_) | What::Force(_) => true,
             What::DacBit(bit) => *bit >= 8,
             _ => false,

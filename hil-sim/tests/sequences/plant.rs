@@ -91,23 +91,26 @@ impl LoadTerm for Limb {
     }
 }
 
-/// A valve that controls the pressure to a share of the supply, or is shut.
-pub struct Valve(pub Range<f64>, pub Option<f64>);
+/// A valve that controls the pressure to a share of the supply, with a share of its flow; with
+/// none of it, it is shut.
+pub struct Valve(pub Range<f64>, pub f64, pub f64);
 
 impl Dynamics<ValvePoint> for Valve {}
 
 impl ValveTerm for Valve {
     fn reference(&self, at: &ValvePoint, _: &[f64], reference: GaugePa<f64>) -> GaugePa<f64> {
-        match self.1 {
-            Some(share) if self.0.contains(&at.time_s) => GaugePa(share * at.supply.0),
-            _ => reference,
+        if self.0.contains(&at.time_s) {
+            GaugePa(self.1 * at.supply.0)
+        } else {
+            reference
         }
     }
 
     fn flow_kg_per_s(&self, at: &ValvePoint, _: &[f64], flow_kg_per_s: f64) -> f64 {
-        match self.1 {
-            None if self.0.contains(&at.time_s) => 0.0,
-            _ => flow_kg_per_s,
+        if self.0.contains(&at.time_s) {
+            self.2 * flow_kg_per_s
+        } else {
+            flow_kg_per_s
         }
     }
 }

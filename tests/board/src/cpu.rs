@@ -90,6 +90,8 @@ impl Cpu {
                     true
                 }),
         );
+        // Code that is translated already would not call the hook.
+        must(self.uc.ctl_flush_tb());
     }
 
     /// Overwrites RAM.

@@ -4,7 +4,7 @@
 //! by stopping the core. If a case lets the program hang, the reset is triggered at the time that
 //! the case states; crash.rs tests the watchdog itself.
 
-use crate::rig::{MS, PORT, Rig, STOP, TICK_NS};
+use crate::rig::{ENABLING, MS, PORT, Rig, STOP, TICK_NS};
 use hil_sim::faults::Case;
 use hil_sim::faults::campaign::run_case;
 use hil_sim::faults::kind::{Inject, KINDS, Memory};
@@ -87,6 +87,7 @@ impl Unit for OnBoard {
         for (contact, open) in STOP.into_iter().zip(pins.stop_open) {
             board.set_level(contact, (!open).then_some(true));
         }
+        board.set_level(ENABLING, Some(pins.enabling_closed));
         board.link_send(bytes);
         let late_ns = (1e9 * late_s) as u64;
         if self.held || late_ns > 0 {

@@ -19,6 +19,7 @@ mod live;
 mod outputs;
 mod pins;
 mod rig;
+mod sequences;
 mod settings;
 mod soak;
 mod start;

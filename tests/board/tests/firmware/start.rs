@@ -1,4 +1,5 @@
-//! The start-up self-test: each thing that can be wrong, and what the board then does.
+//! The self-tests at the start and in the background: each thing that can be wrong, and what the
+//! board then does.
 
 use crate::rig::{LAMP, MS, Rig, TICK_NS};
 use crate::timing::ticks;
@@ -229,4 +230,78 @@ fn chip_that_brown_outs_do_not_reset_assists_and_warns() {
         last = now;
     }
     assert_eq!(rises, 3, "flashes in 2 s");
+}
+
+/// A board that assists, with `change` before and after that: how long it takes to find it \[ms\],
+/// and what. The weight is let down along the ramp, and nothing begins after it.
+fn found_while_assisting(
+    before: impl Fn(&mut Board),
+    after: impl Fn(&mut Board),
+) -> Option<(u64, StartFault)> {
+    let mut rig = Rig::new();
+    before(&mut rig.board);
+    rig.run_ms(1_200);
+    rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+    rig.run_ms(1_000);
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Assisting);
+    let assisting_volts = rig.board.dac_volts(1);
+    assert!(assisting_volts > 0.4, "{assisting_volts} V");
+    after(&mut rig.board);
+    for ms in 0..5_000 {
+        rig.run_ms(1);
+        let telemetries = rig.telemetry();
+        let Some(fault) = telemetries.iter().find_map(|t| t.output.fault) else {
+            continue;
+        };
+        let Fault::Start(found) = fault else {
+            panic!("{fault:?}")
+        };
+        // 200 kPa/s are 13 mV in a tick; the ramp is not skipped.
+        let volts = rig.board.dac_volts(1);
+        assert!(volts > assisting_volts - 0.03, "{volts} V");
+        for request in [Request::Reset, Request::Assist, Request::Reset] {
+            rig.run_ms(300);
+            rig.send(&ToDevice::Command(Command::Request(request)));
+        }
+        let output = rig.last_telemetry().output;
+        assert_eq!((output.mode, output.fault), (Mode::Venting, Some(fault)));
+        assert_eq!(rig.board.dac_volts(1), 0.0);
+        rig.assert_no_errors();
+        return Some((ms, found));
+    }
+    None
+}
+
+/// In the stack, which interrupts use meanwhile, after the statics, and in the last word.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn bit_that_gets_stuck_while_assisting_lets_the_weight_down() {
+    for address in [0x2000_0100, 0x2001_0000, 0x2001_fffc] {
+        let found = found_while_assisting(|_| {}, |board| board.stick_ram(address, 1 << 7));
+        let (ms, fault) = found.unwrap_or_else(|| panic!("{address:#x}: not found"));
+        println!("{address:#x}: after {ms} ms");
+        assert_eq!(fault, StartFault::Ram, "{address:#x}");
+    }
+    assert_eq!(found_while_assisting(|_| {}, |_| {}), None);
+}
+
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn bit_of_the_image_that_changes_while_assisting_lets_the_weight_down() {
+    let [length, checksum] = seal();
+    let sealed = |board: &mut Board| {
+        board.write_flash(FLASH + IMAGE_LENGTH_AT as u32, &length);
+        board.write_flash(FLASH + IMAGE_CHECKSUM_AT as u32, &checksum);
+    };
+    let last = u32::from_le_bytes(length) - 1;
+    for at in [0x28, last] {
+        let found = found_while_assisting(sealed, |board| {
+            let cell = board.read_memory(FLASH + at, 1)[0];
+            board.write_flash(FLASH + at, &[cell ^ 1]);
+        });
+        let (ms, fault) = found.unwrap_or_else(|| panic!("{at:#x}: not found"));
+        println!("{at:#x}: after {ms} ms");
+        assert_eq!(fault, StartFault::Image, "{at:#x}");
+    }
+    assert_eq!(found_while_assisting(sealed, |_| {}), None);
 }

@@ -1,0 +1,64 @@
+//! Runs cases, and tells what they violate.
+
+use super::case::{Case, Outcome};
+use hil_sim::faults::ablation::{AblatedController, SafetyFunction};
+use model_core::controller::Controller;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// What the controller keeps, whatever happens, unless only hardware limits the energy. Forces on a
+/// limb that the weight meets are not among them: see docs/safety.md.
+pub const KEPT: [&str; 4] = [
+    "speed up",
+    "speed down",
+    "height not asked for",
+    "lasting force",
+];
+
+/// A case and what has happened in it.
+pub type Ran = (Case, Outcome);
+
+pub fn run(case: &Case, without: Option<SafetyFunction>) -> Outcome {
+    let settings = case.settings();
+    match without {
+        None => case.run(Controller::new(settings), &settings),
+        Some(function) => case.run(AblatedController::new(settings, function), &settings),
+    }
+}
+
+/// The cases with what happens in them, of which `is_run` selects some.
+pub fn run_all(count: u64, without: Option<SafetyFunction>, is_run: fn(&Case) -> bool) -> Vec<Ran> {
+    let cases = (0..count).into_par_iter().map(Case::new).filter(is_run);
+    let ran = cases.map(|case| {
+        let outcome = run(&case, without);
+        (case, outcome)
+    });
+    ran.collect()
+}
+
+/// Only the controller limits it, and the person has an enabling device.
+pub fn is_controlled(case: &Case) -> bool {
+    case.enabling && !case.events.iter().any(|event| event.what.needs_hardware())
+}
+
+pub fn kept(case: &Case, outcome: &Outcome) -> Vec<&'static str> {
+    let mut violations = outcome.violations(case);
+    violations.retain(|violation| KEPT.contains(violation));
+    violations
+}
+
+pub fn most(outcomes: &[Ran], value: fn(&Outcome) -> f64) -> f64 {
+    let values = outcomes.iter().map(|(_, outcome)| value(outcome));
+    values.fold(0.0, f64::max)
+}
+
+/// How many cases violate each bound.
+pub fn tally(outcomes: &[Ran]) -> BTreeMap<&'static str, usize> {
+    let mut counts = BTreeMap::new();
+    for (case, outcome) in outcomes {
+        for violation in outcome.violations(case) {
+            *counts.entry(violation).or_default() += 1;
+        }
+    }
+    counts
+}
