@@ -109,6 +109,25 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// The same without names, where what is named does not predict.
+    #[must_use]
+    pub fn unnamed(self) -> Selection {
+        let left = if self.left.is_empty() {
+            most_missed(&self.null)
+        } else {
+            self.left
+        };
+        Selection {
+            verdict: Verdict::Unexplained,
+            named: self.null.clone(),
+            estimated: self.null.clone(),
+            probabilities: Vec::new(),
+            alternatives: Vec::new(),
+            left,
+            ..self
+        }
+    }
+
     /// By how much the log probability of the most probable set with an effect exceeds that of the
     /// most probable set without it, in nats; `None` if there is none with it, or none without.
     pub fn gain_nats(&self, effect: &str) -> Option<f64> {

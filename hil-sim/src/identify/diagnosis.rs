@@ -307,24 +307,27 @@ pub fn diagnose(
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
-    let selection = select(&engine, options.costs, watch).ok_or_else(|| rig.bad_file(expected))?;
+    let mut selection =
+        select(&engine, options.costs, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
     watch(Step::Stage("intervals and simulations", 0));
+    let mut run = FreeRuns::new(rig, &engine, &selection, validate)?;
+    let is_worse = |(_, gap): &(&str, GapOf)| gap.after > gap.before;
+    let names_something = !selection.named.candidates.is_empty();
+    if names_something && !run.gap.is_empty() && run.gap.iter().all(is_worse) {
+        selection = selection.unnamed();
+        run = FreeRuns::new(rig, &engine, &selection, validate)?;
+    }
+    let FreeRuns {
+        nominal,
+        fitted,
+        free_runs,
+        gap,
+    } = run;
+    clock.lap("simulations");
     let taken = &selection.estimated;
-    let nominal = nominal_of(&engine, &selection, taken);
-    let fitted = model.fitted(&nominal, &taken.fit.effects);
     let effects = named(&engine, &selection, taken);
     clock.lap("intervals");
-    let free_run = |record: &Record| {
-        let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
-        // The record is none the worse for it.
-        Ok([nominal?, fitted.map_err(|_| rig.bad_file(&astray(record)))?])
-    };
-    let free_runs = validate
-        .par_iter()
-        .map(free_run)
-        .collect::<Result<Vec<_>, BadInput>>()?;
-    clock.lap("simulations");
     let blocks = blocks(&model, &selection.null, taken);
     let left = |block: &usize| model.blocks()[*block];
     let of_left = blocks
@@ -333,7 +336,6 @@ pub fn diagnose(
         .filter(|(place, _)| selection.left.contains(place));
     let words: Vec<String> = of_left.map(|(_, block)| when(&block.profiles[1])).collect();
     let calibrated = model.calibrated(&nominal);
-    let gap = gaps(&model, rig, validate, &free_runs);
     let mut warnings = warnings(&model, &calibrated);
     warnings.extend(predictions(&gap, selection.verdict));
     clock.lap("report");
@@ -362,6 +364,43 @@ pub fn diagnose(
         fitted,
         free_runs,
     })
+}
+
+/// The fitted rig, and what it and the nominal one make of the validation records.
+struct FreeRuns {
+    nominal: Vec<f64>,
+    fitted: Rig,
+    free_runs: Vec<[Record; 2]>,
+    gap: Vec<(&'static str, GapOf)>,
+}
+
+impl FreeRuns {
+    fn new(
+        rig: &Rig,
+        engine: &Engine<MuscleModel>,
+        selection: &Selection,
+        validate: &[Record],
+    ) -> Result<FreeRuns, BadInput> {
+        let taken = &selection.estimated;
+        let nominal = nominal_of(engine, selection, taken);
+        let fitted = engine.model.fitted(&nominal, &taken.fit.effects);
+        let free_run = |record: &Record| {
+            let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
+            // The record is none the worse for it.
+            Ok([nominal?, fitted.map_err(|_| rig.bad_file(&astray(record)))?])
+        };
+        let free_runs = validate
+            .par_iter()
+            .map(free_run)
+            .collect::<Result<Vec<_>, BadInput>>()?;
+        let gap = gaps(engine.model, rig, validate, &free_runs);
+        Ok(FreeRuns {
+            nominal,
+            fitted,
+            free_runs,
+            gap,
+        })
+    }
 }
 
 /// What is expected of a rig of which calibrated values are no plant that can follow `record`.
