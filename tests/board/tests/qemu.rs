@@ -18,8 +18,8 @@ use std::time::Duration;
 
 const RCC_CR: u32 = 0x4002_3800;
 const RCC_CFGR: u32 = 0x4002_3808;
-/// Factory data: size of the flash.
-const FLASH_KIB: u32 = 0x1fff_7a22;
+/// Factory data: what the converter reads of its reference.
+const REFERENCE_CALIBRATION: u32 = 0x1fff_7a2a;
 /// RAM that the firmware does not use.
 const FREE: u32 = 0x2001_0000;
 /// DAC channel 1.
@@ -180,7 +180,7 @@ fn run(panics: bool) -> (Vec<u32>, Option<Crash>, u32) {
         watch(2, register, 4);
     }
     if panics {
-        watch(3, FLASH_KIB, 2);
+        watch(3, REFERENCE_CALIBRATION, 2);
     }
     // HSI on, as after a reset.
     let (mut cr, mut cfgr) = (0x83, 0);
@@ -195,7 +195,7 @@ fn run(panics: bool) -> (Vec<u32>, Option<Crash>, u32) {
             (RCC_CFGR, true) => qemu.set_register(register, cfgr | (cfgr & 3) << 2),
             (RCC_CR, false) => cr = value,
             (RCC_CFGR, false) => cfgr = value,
-            (FLASH_KIB, _) => {
+            (REFERENCE_CALIBRATION, _) => {
                 lead_to_a_panic(&mut qemu, &image);
                 continue;
             }
@@ -229,14 +229,14 @@ fn run(panics: bool) -> (Vec<u32>, Option<Crash>, u32) {
     (valve, crash, address)
 }
 
-/// The size of the flash, which the start reads, is no memory there.
+/// The calibration of the converter, which the start reads, is no memory there.
 #[test]
 #[ignore = "needs FIRMWARE and qemu-system-arm"]
 fn a_bus_fault_at_the_start_is_noted_at_zero_volts() {
     let (valve, crash, address) = run(false);
     // At the handler's entry, and once more before the note.
     assert_eq!(valve, [0, 0]);
-    assert_eq!(address, FLASH_KIB);
+    assert_eq!(address, REFERENCE_CALIBRATION);
     let Some(Crash::HardFault { cfsr, .. }) = crash else {
         panic!("{crash:?}");
     };
