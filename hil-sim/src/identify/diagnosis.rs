@@ -311,12 +311,15 @@ pub fn diagnose(
         select(&engine, options.costs, watch).ok_or_else(|| rig.bad_file(expected))?;
     clock.lap("effects");
     watch(Step::Stage("intervals and simulations", 0));
-    let mut run = FreeRuns::new(rig, &engine, &selection, validate)?;
+    let simulated = |record| simulate(rig, record, TOLERANCE);
+    let nominal_runs = validate.par_iter().map(simulated);
+    let nominal_runs = nominal_runs.collect::<Result<Vec<_>, BadInput>>()?;
+    let mut run = FreeRuns::new(rig, &engine, &selection, (validate, &nominal_runs))?;
     let is_worse = |(_, gap): &(&str, GapOf)| gap.after > gap.before;
     let names_something = !selection.named.candidates.is_empty();
     if names_something && !run.gap.is_empty() && run.gap.iter().all(is_worse) {
         selection = selection.unnamed();
-        run = FreeRuns::new(rig, &engine, &selection, validate)?;
+        run = FreeRuns::new(rig, &engine, &selection, (validate, &nominal_runs))?;
     }
     let FreeRuns {
         nominal,
@@ -379,18 +382,22 @@ impl FreeRuns {
         rig: &Rig,
         engine: &Engine<MuscleModel>,
         selection: &Selection,
-        validate: &[Record],
+        (validate, nominal_runs): (&[Record], &[Record]),
     ) -> Result<FreeRuns, BadInput> {
         let taken = &selection.estimated;
         let nominal = nominal_of(engine, selection, taken);
         let fitted = engine.model.fitted(&nominal, &taken.fit.effects);
-        let free_run = |record: &Record| {
-            let [nominal, fitted] = [rig, &fitted].map(|rig| simulate(rig, record, TOLERANCE));
+        let free_run = |(record, nominal): (&Record, &Record)| {
+            let run = simulate(&fitted, record, TOLERANCE);
             // The record is none the worse for it.
-            Ok([nominal?, fitted.map_err(|_| rig.bad_file(&astray(record)))?])
+            Ok([
+                nominal.clone(),
+                run.map_err(|_| rig.bad_file(&astray(record)))?,
+            ])
         };
         let free_runs = validate
             .par_iter()
+            .zip(nominal_runs)
             .map(free_run)
             .collect::<Result<Vec<_>, BadInput>>()?;
         let gap = gaps(engine.model, rig, validate, &free_runs);

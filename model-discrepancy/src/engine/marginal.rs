@@ -56,7 +56,7 @@ pub struct Judgement {
     /// The candidates that do much more in some block than what is unknown there, and are not where
     /// they end: the others may be what explains most of that, and not be there.
     pub standing: Vec<usize>,
-    /// Whether each candidate shows somewhere, if nothing is unknown.
+    /// Whether nothing is unknown, and each candidate shows somewhere.
     shows: bool,
 }
 
@@ -249,9 +249,8 @@ impl<M: Model> Engine<'_, M> {
                 .flat_map(|one| own.iter().map(move |other| both(one, other)));
             all = pairs.collect();
         }
-        // Without an unknown each has to show.
-        let every = all.iter().any(|own| own.unknown == 0 && own.shows);
-        every.then_some(all)
+        let shows = all.iter().any(|own| own.shows);
+        shows.then_some(all)
     }
 
     /// Nominal values of `null`, which has no effects, with an unknown in every block: as far as
@@ -459,7 +458,7 @@ impl<M: Model> Engine<'_, M> {
         let x = self.coordinates(&hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
         let found = at(&mut problem, DVector::from_vec(x))?;
-        let slopes = problem.slopes(&found.x, &found.residuals)?;
+        let slopes = problem.slopes(&found.x, &found.residuals)?.values;
         let laws: Vec<Law> = candidates
             .iter()
             .map(|own| self.law(blocks, &hypothesis, *own, &found))
@@ -486,9 +485,9 @@ impl<M: Model> Engine<'_, M> {
             });
             let errors: Vec<f64> = errors.collect();
             let nominal = (0..free.len())
-                .map(|own| in_bases(&slopes.values.columns(own, 1).into_owned(), &rows, &merged));
+                .map(|own| in_bases(&slopes.columns(own, 1).into_owned(), &rows, &merged));
             let nominal: Vec<DVector<f64>> = nominal.collect();
-            let values = merged_values(&slopes.values, &laws, &found.residuals.values, &merged);
+            let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
             for (number, law) in laws.iter().enumerate() {
                 if !explains(&law.whole, &values, &rows, &merged) {
                     continue;
