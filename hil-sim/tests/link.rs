@@ -247,6 +247,42 @@ fn mcap_has_the_contents_that_viewers_need() {
     assert_eq!(messages, 120);
 }
 
+/// The format's own reader in Python: times, metadata, units.
+const READ_IN_PYTHON: &str = r#"
+import json, sys
+from mcap.reader import make_reader
+with open(sys.argv[1], "rb") as file:
+    reader = make_reader(file)
+    [metadata] = reader.iter_metadata()
+    assert metadata.name == "hil-sim" and metadata.metadata["rig"] == "none", metadata
+    rows = []
+    for schema, channel, message in reader.iter_messages():
+        assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+        units = json.loads(schema.data)["properties"]
+        assert units["pressure_ref_pa"]["unit"] == "Pa"
+        rows.append((message.log_time, json.loads(message.data)["time_s"]))
+assert rows == sorted(rows)
+print(len(rows), rows[0][0], rows[-1][0])
+"#;
+
+#[test]
+#[ignore = "needs Python's package `mcap`"]
+fn python_reads_the_mcap() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 120, &path);
+    let output = std::process::Command::new("python3")
+        .args(["-c", READ_IN_PYTHON])
+        .arg(path.with_extension("mcap"))
+        .output()
+        .expect("python3 runs");
+    let error = String::from_utf8_lossy(&output.stderr);
+    let first = STARTED.as_nanos();
+    let last = (STARTED + Duration::from_millis(1190)).as_nanos();
+    let printed = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(printed, format!("120 {first} {last}\n"), "{error}");
+}
+
 /// Each panel of the layout is placed once, and shows columns that a record has, with one unit a
 /// plot.
 #[test]

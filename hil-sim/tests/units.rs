@@ -97,6 +97,18 @@ fn a_record_in_other_units_is_named_with_the_command_that_converts_it() {
             ("contraction=%", changed(text, &[CONTRACTION], by(0.01))),
             ("contraction=1", changed(text, &[CONTRACTION], by(1.0 / mm))),
             (
+                "contraction=1",
+                changed(text, &[CONTRACTION], by(10.0 / mm)),
+            ),
+            (
+                "contraction=1",
+                changed(text, &[CONTRACTION], by(1000.0 / mm)),
+            ),
+            (
+                "contraction=1,scale=-",
+                changed(text, &[CONTRACTION], |ratio| 1e-3 * mm * (1.0 - ratio)),
+            ),
+            (
                 "contraction=1,scale=-1",
                 changed(text, &[CONTRACTION], by(-1.0)),
             ),
@@ -107,6 +119,11 @@ fn a_record_in_other_units_is_named_with_the_command_that_converts_it() {
             others.push(("force_n=kN", changed(text, &[FORCE_N], by(1e3))));
             others.push(("force_n=N,scale=-1", changed(text, &[FORCE_N], by(-1.0))));
         }
+        // Where the force law is too uncertain to tell, nothing is said.
+        let absolute = changed(text, &pressures, |pa| pa + 101_325.0);
+        let absolute = options(&doubts(&absolute, Some(rig)));
+        let is_offset = |option: &String| option.contains("_pa=Pa,offset=-");
+        assert!(absolute.iter().all(is_offset), "case {case}: {absolute:?}");
         let original = Record::parse("a.csv", text.as_bytes()).expect("a record");
         for (unit, other) in others {
             let options = options(&doubts(&other, Some(rig)));

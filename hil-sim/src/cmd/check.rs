@@ -38,6 +38,8 @@ struct Summary<'a> {
     errors: &'a [Finding],
     warnings: &'a [Finding],
     blocks: &'a [Subsystem],
+    /// Columns that nothing reads.
+    left_out: &'a [&'a str],
 }
 
 /// Runs the command.
@@ -52,6 +54,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         false => check.errors.extend(doubted),
     }
     let blocks = check.subsystems(&Catalogue::standard(), rig.as_ref());
+    let left_out = record.left_out();
     if args.json {
         super::print_json(&Summary {
             sampling: &check.sampling,
@@ -59,15 +62,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             errors: &check.errors,
             warnings: &check.warnings,
             blocks: &blocks,
+            left_out: &left_out,
         })?;
     } else {
         let title = args.record.display().to_string();
-        super::print(&report(title, &check, &blocks).to_text())?;
+        super::print(&report(title, &check, &blocks, &left_out).to_text())?;
     }
     Ok(())
 }
 
-fn report(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
+fn report(title: String, check: &Check, blocks: &[Subsystem], left_out: &[&str]) -> Report {
     let sampling = &check.sampling;
     let mut verdict = vec![format!(
         "{} {} in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
@@ -85,20 +89,24 @@ fn report(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
             .iter()
             .map(|warning| format!("Warning: {warning}.")),
     );
+    if !left_out.is_empty() {
+        verdict.push(format!("Left out: {}.", left_out.join(", ")));
+    }
     let table = |caption: &str, columns: &[&str], rows| Table {
         caption: caption.into(),
         columns: columns.iter().map(|column| (*column).into()).collect(),
         rows,
     };
     let signals = table(
-        "Measured signals, in the columns' units; the rate is the 95th percentile",
+        "Measured signals; the rate is the 95th percentile",
         &[
             "signal",
+            "unit",
             "minimum",
             "maximum",
             "noise",
             "step",
-            "rate /s",
+            "rate per s",
             "steps",
             "reversals",
             "longest hold",
@@ -128,14 +136,28 @@ fn report(title: String, check: &Check, blocks: &[Subsystem]) -> Report {
     }
 }
 
+/// The unit in which a person reads a column of SI units, and its size.
+fn unit(column: &str) -> (&'static str, f64) {
+    match column.rsplit_once('_') {
+        Some((_, "pa")) => ("kPa", 1e-3),
+        Some((_, "m")) => ("mm", 1e3),
+        Some((_, "n")) => ("N", 1.0),
+        Some((_, "k")) => ("K", 1.0),
+        _ => ("-", 1.0),
+    }
+}
+
 fn row(signal: &Signal) -> Vec<String> {
+    let (unit, size) = unit(signal.name);
+    let shown = |value: f64| super::short(size * value);
     vec![
         signal.name.into(),
-        super::short(signal.min),
-        super::short(signal.max),
-        super::short(signal.noise),
-        signal.quantum.map_or_else(String::new, super::short),
-        super::short(signal.rate_per_s),
+        unit.into(),
+        shown(signal.min),
+        shown(signal.max),
+        shown(signal.noise),
+        signal.quantum.map_or_else(String::new, shown),
+        shown(signal.rate_per_s),
         signal.steps.to_string(),
         signal.reversals.to_string(),
         format!("{:.1} s", signal.longest_hold_s),

@@ -248,7 +248,9 @@ fn of_chamber(args: &Args) -> Result<(), Failure> {
     };
     let catalogue = Catalogue::standard();
     let shown = (name, records, &free_runs[..]);
-    write(args, &diagnosis, &catalogue, shown, None)
+    write(args, &diagnosis, &catalogue, shown, None)?;
+    super::note_left_out(fit.iter().chain(&validate));
+    Ok(())
 }
 
 fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
@@ -289,7 +291,9 @@ fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
         catalogue,
         shown,
         Some(&rewritten),
-    )
+    )?;
+    super::note_left_out(fit.iter().chain(&validate));
+    Ok(())
 }
 
 #[cfg(test)]

@@ -95,6 +95,17 @@ fn check_record(record: &Record, rig: Option<&Rig>) -> Result<(), BadInput> {
     accepted(refuse_units(&check(record).units(record, rig), record))
 }
 
+/// Says which columns of `records` nothing has read.
+fn note_left_out<'a>(records: impl IntoIterator<Item = &'a Record>) {
+    for record in records {
+        let left_out = record.left_out().join(", ");
+        if !left_out.is_empty() {
+            let left_out = left_out.escape_debug();
+            note(format_args!("{}: left out: {left_out}", record.file()));
+        }
+    }
+}
+
 /// Prints a note beside the results to stderr.
 fn note(text: impl std::fmt::Display) {
     if !is_quiet() {

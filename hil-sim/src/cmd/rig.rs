@@ -8,7 +8,7 @@ use hil_sim::datasheet::valve::ValveSheet;
 use hil_sim::datasheet::volume::{self, Braid};
 use hil_sim::error::BadInput;
 use hil_sim::output::{same_file, write_atomically};
-use hil_sim::rig::{Provenance, Rig, default_tolerances};
+use hil_sim::rig::{DefaultTolerance, Key, Provenance, Rig, default_tolerances, uncalibrated};
 use std::path::{Path, PathBuf};
 
 /// Create and check rig files
@@ -31,6 +31,9 @@ enum Command {
     Tolerances {
         /// The file to read
         path: PathBuf,
+        /// Print them as JSON instead of TOML
+        #[arg(long)]
+        json: bool,
     },
     /// Check a rig file and report its errors
     #[command(after_help = "Example:\n  hil-sim rig check my-rig.toml")]
@@ -166,11 +169,14 @@ fn new(args: &New) -> Result<(), Failure> {
     check_outputs(args)?;
     let sheets = data_sheets(args)?;
     let (text, summary) = sheets.rig(&Rig::template())?;
+    let path = args.path.display().to_string();
+    super::accepted(Rig::parse(&path, &text).and_then(|rig| rig.check_units()))?;
     write_atomically(&args.path, text.as_bytes())?;
     let mut report = report(&sheets, &summary);
     report.repeat = vec![this_command()];
     if let Some(path) = &args.report {
         write_atomically(path, report.to_html().as_bytes())?;
+        super::note(format_args!("written: {}", path.display()));
     }
     if args.json {
         super::print_json(&summary)?;
@@ -187,6 +193,24 @@ struct Checked<'a> {
     path: &'a Path,
     effects: Vec<&'static str>,
     provenance: Option<&'a Provenance>,
+}
+
+/// The tolerance of a value that was not calibrated.
+#[derive(serde::Serialize)]
+struct Tolerance {
+    section: &'static str,
+    key: &'static str,
+    relative_sigma: f64,
+    source: &'static str,
+}
+
+fn tolerance((key, tolerance): (&'static Key, DefaultTolerance)) -> Tolerance {
+    Tolerance {
+        section: key.section,
+        key: key.name,
+        relative_sigma: tolerance.relative_sigma,
+        source: tolerance.source,
+    }
 }
 
 /// Where a fitted rig comes from, as the end of a sentence; empty for one that was not fitted.
@@ -209,13 +233,18 @@ fn fitted(rig: &Rig) -> String {
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.command {
         Command::New(args) => new(args)?,
-        Command::Tolerances { path } => {
+        Command::Tolerances { path, json } => {
             let rig = super::read_rig(path)?;
             // Also if the tables are empty: TOML does not allow a second one of the same name.
             let table = Rig::read_text(path)?.parse::<toml_edit::DocumentMut>();
             if table.is_ok_and(|table| table.contains_key("tolerance")) {
                 let expected = "a rig without [tolerance.*] tables, which it has (remove them)";
                 return Err(rig.bad_file(expected).into());
+            }
+            if *json {
+                let tolerances: Vec<_> = uncalibrated(&rig).map(tolerance).collect();
+                super::print_json(&tolerances)?;
+                return Ok(());
             }
             super::print(&format!("\n{}", default_tolerances(&rig)))?;
         }

@@ -143,5 +143,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     } else {
         super::print(&report.to_text())?;
     }
+    super::note_left_out([&record]);
     Ok(())
 }

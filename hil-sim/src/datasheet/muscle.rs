@@ -3,7 +3,7 @@
 use super::fit::{fit, groups};
 use super::table::{self, Quantity};
 use crate::error::BadInput;
-use crate::plausible::PRESSURE_IDLE_PA;
+use crate::plausible::{CONTRACTION_USED, PRESSURE_IDLE_PA};
 use crate::record::units::{FORCE, PRESSURE, RATIO};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
@@ -100,6 +100,15 @@ fn fitted(points: Vec<Point>, initial_length_m: f64) -> Result<MuscleFit, String
         return Err(format!(
             "pressures of a muscle, found none above {highest_pa:.3} Pa: is the column in bar, kPa \
              or MPa? Its name has the unit, as `pressure_bar`"
+        ));
+    }
+    let largest = points
+        .iter()
+        .fold(0.0_f64, |most, at| most.max(at.contraction));
+    if largest < CONTRACTION_USED {
+        return Err(format!(
+            "contractions of a muscle, found none above {largest:.2e}: is the column a ratio? Its \
+             name has the unit, as `contraction` or `contraction_percent`"
         ));
     }
     let [alpha_m2, beta_m2, gamma_n] = fit.values;
@@ -305,6 +314,16 @@ mod tests {
             error.contains("none above 3.000 Pa: is the column in bar"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn ratios_in_a_column_of_percent_are_refused() {
+        let mut points = table(|_, _| 0.0);
+        for at in &mut points {
+            at.contraction *= 0.01;
+        }
+        let error = fitted(points, 0.3).expect_err("no muscle");
+        assert!(error.contains("is the column a ratio"), "{error}");
     }
 
     #[test]

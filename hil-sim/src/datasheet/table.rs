@@ -51,7 +51,10 @@ fn parse<const N: usize>(
     quantities: [Quantity; N],
 ) -> Result<Vec<(usize, [f64; N])>, BadInput> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    // A row with a semicolon is of a spreadsheet with decimal commas.
+    let has_semicolons = bytes.contains(&b';');
     let mut reader = csv::ReaderBuilder::new()
+        .delimiter(if has_semicolons { b';' } else { b',' })
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .from_reader(bytes);
@@ -87,7 +90,11 @@ fn parse<const N: usize>(
             let column = header.get(*place);
             let (_, size, _) = unit;
             let (min, max) = quantity.range;
-            *value = match cell.parse::<f64>() {
+            let number = match has_semicolons {
+                true => cell.replacen(',', ".", 1).parse::<f64>(),
+                false => cell.parse(),
+            };
+            *value = match number {
                 Ok(number) if (min..=max).contains(&(number * size)) => number * size,
                 _ => {
                     let (min, max) = (min / size, max / size);
@@ -155,6 +162,12 @@ mod tests {
         assert_eq!(rows, [(3, [0.25, 6e5])]);
         let rows = read("contraction,pressure_pa\n0.25,6e5\n").expect("rows");
         assert_eq!(rows, [(2, [0.25, 6e5])]);
+    }
+
+    #[test]
+    fn a_table_of_a_german_spreadsheet_is_read() {
+        let rows = read("pressure_bar;contraction_percent\n6,5;12,5\n").expect("rows");
+        assert_eq!(rows, [(2, [0.125, 6.5e5])]);
     }
 
     /// Not that of the comments and empty lines above it.

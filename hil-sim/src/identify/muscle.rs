@@ -741,6 +741,23 @@ mod tests {
         let refined = model.refined(&[1.7], &[]);
         // A weight is stopped by one step of the reference, or the next.
         assert!((static_n(refined[0]) - 12.0).abs() < 2.0, "{refined:?}");
+        // What was 4 N wide and is within 2 N: half of the gap, and the force no worse.
+        let gap = |deviation: f64, name: &str| {
+            let mut other = rig.clone();
+            *other.value_mut("load", "static_friction_n").expect("a key") = static_n(deviation);
+            let simulated = simulate(&other, &drive, 1e-5).expect("a run");
+            let columns = [&simulated, &clean].map(|run| run.column(name).expect("a column"));
+            let squares = columns[0]
+                .iter()
+                .zip(columns[1])
+                .map(|(a, b)| (a - b).powi(2));
+            (squares.sum::<f64>() / time_s.len() as f64).sqrt()
+        };
+        let gaps = |name| (gap(refined[0], name), gap(1.7, name));
+        let (after, before) = gaps(CONTRACTION);
+        assert!(after < before / 2.0, "{after} {before}");
+        let (after, before) = gaps(FORCE_N);
+        assert!(after <= before, "{after} {before}");
     }
 
     /// Each friction is fitted for itself, here to a Coulomb friction of 9 N and a static one of

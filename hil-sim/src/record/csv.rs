@@ -60,7 +60,8 @@ impl Record {
     pub fn parse(name: &str, bytes: &[u8]) -> Result<Record, BadInput> {
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
+            // Cells below are trimmed where they are read: here it takes an allocation a row.
+            .trim(csv::Trim::Headers)
             .from_reader(bytes);
         let header = match reader.headers() {
             Ok(header) => header.clone(),
@@ -152,7 +153,7 @@ impl Record {
             place: Some(format!("column `{column}`")),
             expected,
         };
-        for (column, cell) in self.columns.iter_mut().zip(row) {
+        for (column, cell) in self.columns.iter_mut().zip(row.iter().map(str::trim)) {
             match column {
                 None => {
                     let time_s = number(TIME_S, cell).map_err(|mut why| {

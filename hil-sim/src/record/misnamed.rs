@@ -46,24 +46,27 @@ pub(super) fn misnamed_time<'a>(
 
 /// What is wrong with the name of an unknown column, if it resembles one of the `absent` ones.
 fn misnamed(file: &str, name: &str, absent: &[(&str, &[Unit])]) -> Option<BadInput> {
-    let (_, known, unit) = absent
+    let (_, known, unit, does) = absent
         .iter()
         .filter_map(|(known, units)| {
             let (errors, unit) = resemblance(name, known, units)?;
-            Some((errors, *known, unit.filter(|unit| *unit != units[0].0)))
+            let own = units[0].0;
+            let does = match unit.is_some_and(|unit| unit != own) {
+                true => "converts",
+                false => "renames",
+            };
+            Some((errors, *known, unit.unwrap_or(own), does))
         })
         .min_by_key(|(errors, ..)| *errors)?;
-    let mut expected = format!("the name of a known column: did you mean `{known}`?");
-    if let Some(unit) = unit {
-        let section = match known {
-            TIME_S => "time".into(),
-            _ => format!("columns.{known}"),
-        };
-        expected += &format!(
-            " `hil-sim import {file} --map map.toml --out new.csv` converts it if map.toml has \
-             column = {name:?} and unit = {unit:?} in [{section}]"
-        );
-    }
+    let section = match known {
+        TIME_S => "time".into(),
+        _ => format!("columns.{known}"),
+    };
+    let expected = format!(
+        "the name of a known column: did you mean `{known}`? `hil-sim import {file} --map map.toml \
+         --out new.csv` {does} it if map.toml has column = {name:?} and unit = {unit:?} in \
+         [{section}]"
+    );
     Some(BadInput {
         line: Some(1),
         place: Some(format!("column `{name}`")),
@@ -122,17 +125,21 @@ mod tests {
 
     #[test]
     fn a_typing_error_is_named_with_the_column_that_was_meant() {
-        for (name, known) in [
-            ("presure_pa", "pressure_pa"),
-            ("Pressure_Pa", "pressure_pa"),
-            ("pressure [Pa]", "pressure_pa"),
-            ("pressure", "pressure_pa"),
-            ("pressrue_ref_pa", "pressure_ref_pa"),
-            ("contarction", "contraction"),
-            ("vavle_open", "valve_open"),
-            ("forces_n", "force_n"),
+        for (name, known, unit) in [
+            ("presure_pa", "pressure_pa", "Pa"),
+            ("Pressure_Pa", "pressure_pa", "Pa"),
+            ("pressure [Pa]", "pressure_pa", "Pa"),
+            ("pressure", "pressure_pa", "Pa"),
+            ("pressrue_ref_pa", "pressure_ref_pa", "Pa"),
+            ("contarction", "contraction", "1"),
+            ("vavle_open", "valve_open", "1"),
+            ("forces_n", "force_n", "N"),
         ] {
-            let expected = format!("did you mean `{known}`?");
+            let expected = format!(
+                "did you mean `{known}`? `hil-sim import a.csv --map map.toml --out new.csv` \
+                 renames it if map.toml has column = \"{name}\" and unit = \"{unit}\" in \
+                 [columns.{known}]"
+            );
             assert_eq!(told(name, &[]), Some(expected), "{name}");
             assert_eq!(told(name, &[known]), None, "{name} beside {known}");
         }

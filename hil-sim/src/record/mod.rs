@@ -212,6 +212,15 @@ impl Record {
         })
     }
 
+    /// Names of the columns that nothing reads.
+    pub fn left_out(&self) -> Vec<&str> {
+        let columns = self.columns.iter().flatten();
+        let unknown = columns.filter(|(_, cells)| matches!(cells, Cells::Text(_)));
+        let names = unknown.map(|(name, _)| name.as_str());
+        let is_of_ticks = |name: &&str| columns::COLUMNS.iter().any(|known| known.name == *name);
+        names.filter(|name| !is_of_ticks(name)).collect()
+    }
+
     /// An unknown column's cells; `None` if the record lacks the column.
     pub fn text(&self, name: &str) -> Option<&[String]> {
         match self.find(name)? {

@@ -108,7 +108,8 @@ fn set_number(item: &mut toml_edit::Item, number: f64) {
     }
 }
 
-/// `value` with six significant digits: no estimate is known to more than four.
+/// `value` with six significant digits. No estimate is known to more than four; but two of them
+/// balance each other, as α and β, and four digits of each would move a force by its noise.
 fn rounded(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }

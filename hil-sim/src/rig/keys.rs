@@ -121,19 +121,24 @@ pub const KEYS: &[Key] = keys! {
         => |rig| Some(&mut rig.assist.as_mut()?.pulley_diameter_m);
 };
 
+/// The keys of `rig` whose values have a tolerance if they were not calibrated.
+pub fn uncalibrated(rig: &Rig) -> impl Iterator<Item = (&'static Key, DefaultTolerance)> {
+    let mut rig = rig.clone();
+    let keys = KEYS
+        .iter()
+        .filter(move |key| (key.value)(&mut rig).is_some());
+    keys.filter_map(|key| Some((key, key.tolerance?)))
+}
+
 /// Tables of the tolerances that the values of `rig` have if they were not calibrated, each with
 /// its reason.
 pub fn default_tolerances(rig: &Rig) -> String {
-    let mut rig = rig.clone();
     let mut text = String::from(
         "# How well the values are known that were not calibrated on this rig: relative standard\n\
          # deviations. A value not listed is exact.\n",
     );
     let mut section = "";
-    for key in KEYS.iter().filter(|key| (key.value)(&mut rig).is_some()) {
-        let Some(tolerance) = key.tolerance else {
-            continue;
-        };
+    for (key, tolerance) in uncalibrated(rig) {
         if key.section != section {
             let between = if section.is_empty() { "" } else { "\n" };
             section = key.section;

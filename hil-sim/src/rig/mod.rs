@@ -7,7 +7,7 @@ mod read;
 mod units;
 
 pub use edit::{effect_toml, set_numbers};
-pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances};
+pub use keys::{DefaultTolerance, KEYS, Key, MASS_KG, default_tolerances, uncalibrated};
 pub use provenance::{FileHash, FoundEffect, Provenance, UsedRecord};
 
 use crate::error::BadInput;

@@ -114,8 +114,9 @@ impl Provenance {
             self.version, self.date, self.verdict
         );
         for effect in &self.effects {
+            let (name, form) = (&effect.name, &effect.form);
+            text += &format!("# {name} ({form}): probability {:.3}\n", effect.probability);
             for (key, [low, high]) in &effect.ci95 {
-                let (name, form) = (&effect.name, &effect.form);
                 text += &format!("# {name} ({form}): {key} from {low:.3e} to {high:.3e} (95 %)\n");
             }
         }
@@ -263,6 +264,10 @@ mod tests {
         assert_eq!((read.count("fit"), read.count("validate")), (1, 1));
         assert!(once.contains(&user), "{once}");
         assert!(once.starts_with(FITTED_BY), "{once}");
+        assert!(
+            once.contains("# leak (linear): probability 0.977\n"),
+            "{once}"
+        );
         let later = Provenance {
             verdict: "consistent".into(),
             effects: Vec::new(),

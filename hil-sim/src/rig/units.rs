@@ -15,6 +15,10 @@ const CELSIUS_K: f64 = 273.15;
 const STANDARD_PA: f64 = 101_325.0;
 /// Most muscles and levers are as long within a factor of five \[m\].
 const LENGTH_TYPICAL_M: f64 = 0.3;
+/// So are areas and volumes of muscles of 5 to 60 mm within factors of 50: about those of one of
+/// 20 mm, α = 11 D² \[m²\] and 0.3 m × π D²/4 \[m³\].
+const AREA_TYPICAL_M2: f64 = 4.4e-3;
+const VOLUME_TYPICAL_M3: f64 = 1e-4;
 /// Units of the trade by the SI unit in a key's name.
 const UNITS: [(&str, &[(&str, f64)]); 6] = [
     ("Pa", &PRESSURE_UNITS),
@@ -40,6 +44,8 @@ pub(super) fn likely_unit(key: &Key, value: f64) -> String {
         "Pa" if key.name == "atmospheric_pressure_pa" => STANDARD_PA / value,
         "Pa" => PRESSURE_TYPICAL_PA / value,
         "m" => LENGTH_TYPICAL_M / value,
+        "m²" => AREA_TYPICAL_M2 / value,
+        "m³" => VOLUME_TYPICAL_M3 / value,
         _ => f64::MAX,
     };
     nearest(units, usual, |size| within(value * size))
@@ -69,6 +75,8 @@ impl Rig {
         let is_supplied = pressures[0].is_none();
         let found = pressures.into_iter().chain([
             self.volume_unit(),
+            self.braid_sign(),
+            self.rubber_sign().filter(|_| is_supplied),
             self.weight_unit().filter(|_| is_supplied),
             self.flow_unit().filter(|_| is_supplied),
             self.lever_unit(),
@@ -180,10 +188,38 @@ impl Rig {
         );
         let [min, max] = VOLUME_RATIO;
         let expected = format!(
-            "a volume, length and alpha_m2 of one braided muscle (volume_d3_m3 from {min} to {max} \
-             times initial_length_m × alpha_m2), found {ratio:.2e} times{likely}"
+            "a volume, length and alpha_m2 of one braided muscle (volume_d3_m3 from {min:.1e} to \
+             {max:.1} times initial_length_m × alpha_m2), found {ratio:.2e} times{likely}"
         );
         Some(self.bad(&format!("muscle.{key}"), &expected))
+    }
+
+    /// The sign of β: the pressure on a braided muscle's end pushes.
+    fn braid_sign(&self) -> Option<BadInput> {
+        let beta_m2 = self.nominal.muscle.beta_m2;
+        if beta_m2 <= 0.0 {
+            return None;
+        }
+        let expected = format!(
+            "a negative area: a braid at an angle θ has beta_m2 = -π D²/(4 sin² θ), found \
+             {}, most likely of the other sign",
+            shown(beta_m2)
+        );
+        Some(self.bad("muscle.beta_m2", &expected))
+    }
+
+    /// The sign of γ: a vented muscle that lifts its weight.
+    fn rubber_sign(&self) -> Option<BadInput> {
+        let (gamma_n, weight_n) = (self.nominal.muscle.gamma_n, self.weight_n()?);
+        if gamma_n <= weight_n {
+            return None;
+        }
+        let expected = format!(
+            "less than the weight of {weight_n:.1} N, which no muscle without pressure lifts, \
+             found {}, most likely of the other sign",
+            shown(gamma_n)
+        );
+        Some(self.bad("muscle.gamma_n", &expected))
     }
 
     /// A mass in grams, or a weight that the muscle cannot lift.
@@ -224,7 +260,7 @@ impl Rig {
             fitting.map_or_else(String::new, |(unit, size)| most_likely(unit, size * gain));
         let expected = format!(
             "at most ten times what flows through a hole as wide as the muscle, {most:.1e} \
-             kg/(Pa·s), found {gain:e}{likely}"
+             kg/(Pa·s), found {gain:e}{likely}; `hil-sim rig new --valve Q=…` converts l/min"
         );
         Some(self.bad("valve.flow_gain_kg_per_pa_s", &expected))
     }
@@ -283,6 +319,11 @@ mod tests {
         ["initial_length_m = 300", "initial_length", "mm: write 0.3"],
         ["initial_length_m = 30", "initial_length", "cm: write 0.3"],
         ["volume_d3_m3 = 2.3e-2", "volume_d3", "l: write 2.3e-5"],
+        ["volume_d3_m3 = 23", "volume_d3", "cm³: write 2.3e-5"],
+        ["alpha_m2 = 3771.8", "alpha", "mm²: write 0.0037718"],
+        ["alpha_m2 = 37.718", "alpha", "cm²: write 0.0037718"],
+        ["beta_m2 = 1.39e-3", "muscle.beta", "of the other sign"],
+        ["gamma_n = 183.0", "muscle.gamma", "of the other sign"],
         ["mass_kg = 12000", "load.mass_kg", "g: write 12"],
         ["mass_kg = 150", "load.mass_kg", "found 1471.0 N;"],
         [

@@ -38,6 +38,8 @@ const SIGNALS: [&str; 8] = [
 const ROWS_MIN: usize = 100;
 /// The estimate of the initial state alone needs the first second \[s\].
 const LENGTH_S_MIN: f64 = 1.0;
+/// Where a record that is too short may come from.
+const IN_MINUTES: &str = " (in min or h? `hil-sim import --unit time_s=min` converts it)";
 /// The fastest effects (valve lag, transport delay) have times of at least 10 ms, typically 20 ms
 /// \[s\].
 const PERIOD_S_MAX: f64 = 0.02;
@@ -91,7 +93,7 @@ pub enum Finding {
         rows: usize,
     },
     /// Error: shorter than a diagnosis needs.
-    #[error("only {length_s:.3} s, less than {} s", LENGTH_S_MIN)]
+    #[error("only {length_s:.3} s, less than {} s{IN_MINUTES}", LENGTH_S_MIN)]
     Short {
         /// Length of the record \[s\].
         length_s: f64,
@@ -525,7 +527,7 @@ impl Finding {
         match self {
             Finding::FewRows { rows } => file(format!("at least {ROWS_MIN} rows, found {rows}")),
             Finding::Short { length_s } => file(format!(
-                "at least {LENGTH_S_MIN} s of samples, found {length_s:.3} s"
+                "at least {LENGTH_S_MIN} s of samples, found {length_s:.3} s{IN_MINUTES}"
             )),
             Finding::Empty { signal } => record.bad(signal, "at least one sample, found none"),
             Finding::NoInput => file(format!(

@@ -37,6 +37,9 @@ const ATMOSPHERE_SHARE: f64 = 0.25;
 /// A force is opposite to that of the rig if it is more than a third of it: friction and the stop
 /// take less.
 const OPPOSITE: f64 = 3.0;
+/// Contractions that are metres differ from what the force law needs by the muscle's length within
+/// this factor.
+const LIKE_LENGTH: f64 = 1.4;
 /// A pressure hardly changes in this quarter of the rows, over this time \[s\].
 const SLOW: f64 = 0.25;
 const CHANGE_S: f64 = 0.1;
@@ -228,10 +231,12 @@ impl<'a> Evidence<'a> {
         });
         let doubted = scaled.into_iter().zip(signed);
         doubts.extend(doubted.filter_map(|(scaled, signed)| scaled.or(signed)));
-        if are_sane {
+        // Contractions that are too small make pressures look too high.
+        let length = are_sane.then(|| self.length()).flatten();
+        if are_sane && length.is_none() {
             doubts.extend(self.absolute());
         }
-        let contraction = self.contraction(are_sane);
+        let contraction = length.or_else(|| self.contraction(are_sane));
         let is_sane = are_sane && contraction.is_none();
         doubts.extend(contraction);
         doubts.extend(self.force(is_sane));
@@ -550,11 +555,9 @@ impl<'a> Evidence<'a> {
         let largest = range.largest();
         if largest > CONTRACTION_MAX {
             let law = self.law.as_ref();
-            let mm = law.map(|law| 1e-3 / law.length_m);
-            let units: Vec<(&str, f64)> = [("%", 0.01)]
-                .into_iter()
-                .chain(mm.map(|size| ("mm", size)))
-                .collect();
+            let lengths = law.map(|law| [("mm", 1e-3 / law.length_m), ("cm", 1e-2 / law.length_m)]);
+            let lengths = lengths.into_iter().flatten();
+            let units: Vec<(&str, f64)> = [("%", 0.01)].into_iter().chain(lengths).collect();
             let fits = |size: f64| size * largest <= CONTRACTION_MAX;
             let used = are_pressures_sane.then(|| self.contraction_factor());
             // Without a force law: half of what a muscle can do is usual.
@@ -564,16 +567,18 @@ impl<'a> Evidence<'a> {
                  found {}",
                 from_to(low, high)
             );
-            return Some(match (nearest(&units, factor, fits), mm) {
-                (Some(("mm", _)), Some(size)) => {
+            return Some(match nearest(&units, factor, fits) {
+                Some(("%", _)) => Doubt::new(CONTRACTION, expected, "percent", &format!("%{sign}")),
+                Some((unit, size)) => {
                     let sign = if is_one_sided { "-" } else { "" };
-                    let unit = format!("1,scale={sign}{size}");
-                    Doubt::new(CONTRACTION, expected, "mm", &unit)
+                    Doubt::new(
+                        CONTRACTION,
+                        expected,
+                        unit,
+                        &format!("1,scale={sign}{size}"),
+                    )
                 }
-                (Some((unit, _)), _) => {
-                    Doubt::new(CONTRACTION, expected, "percent", &format!("{unit}{sign}"))
-                }
-                (None, _) => {
+                None => {
                     let unit = "1,scale=1e-3/LENGTH_M";
                     let likely = "mm (divide by the muscle's length)";
                     Doubt::new(CONTRACTION, expected, likely, unit)
@@ -593,8 +598,61 @@ impl<'a> Evidence<'a> {
         Some(Doubt::new(CONTRACTION, expected, "of the other sign", unit))
     }
 
+    /// The muscle's length, or by how much it is shorter, in metres.
+    ///
+    /// A length falls as the pressure rises. With a reference the pressure is what moves the
+    /// muscle; without one the muscle may be moved by something else, and its pressure fall because
+    /// its volume grows.
+    fn length(&self) -> Option<Doubt> {
+        let Range { low, high } = self.range(CONTRACTION)?;
+        let found = from_to(low, high);
+        let lifts = self.law.as_ref().is_some_and(|law| law.weight_n.is_some());
+        let falls = match lifts {
+            true => self.driven(CONTRACTION),
+            false => self.correlation(PRESSURE_REF_PA, CONTRACTION),
+        };
+        let length_m = self.law.as_ref().map(|law| law.length_m);
+        if low > 0.0 && high - low > CONTRACTION_USED * high && falls < -FOLLOWS {
+            let expected = format!(
+                "contractions, which grow with the pressure, found {found} (correlation \
+                 {falls:.2})"
+            );
+            // A clamped muscle is hardly longer than its rest length.
+            let unit = match length_m.filter(|length_m| high < (1.0 + STRETCH_MAX) * length_m) {
+                Some(length_m) => format!("1,scale={},offset=1", -1.0 / length_m),
+                None => "1,scale=-1/LENGTH_M,offset=1".into(),
+            };
+            return Some(Doubt::new(
+                CONTRACTION,
+                expected,
+                "the muscle's length in m",
+                &unit,
+            ));
+        }
+        let length_m = length_m?;
+        let [least, most] = self.contraction_factors([0.25, 0.75])?;
+        // The law with its tolerances, and friction, change it by less; and then at all heights.
+        let like = 1.0 / LIKE_LENGTH..LIKE_LENGTH;
+        let is_like = like.contains(&(least * length_m)) && like.contains(&(most * length_m));
+        if !is_like || length_m > 1.0 / LIKE_LENGTH.powi(2) {
+            return None;
+        }
+        let expected = format!(
+            "contractions y/L, of some {} times as much by the rig's force law (Eq 1), found \
+             {found}",
+            significant((least * most).sqrt())
+        );
+        let unit = format!("1,scale={}", 1.0 / length_m);
+        Some(Doubt::new(CONTRACTION, expected, "m", &unit))
+    }
+
     /// By what the contraction has to be multiplied to be what the force law needs.
     fn contraction_factor(&self) -> Option<f64> {
+        self.contraction_factors([0.5]).map(|[factor]| factor)
+    }
+
+    /// The quantiles of that factor at `shares`.
+    fn contraction_factors<const N: usize>(&self, shares: [f64; N]) -> Option<[f64; N]> {
         let law = self.law.as_ref()?;
         let pressure = self.record.column(PRESSURE_PA)?;
         let contraction = self.record.column(CONTRACTION)?;
@@ -608,7 +666,7 @@ impl<'a> Evidence<'a> {
             (needed > CONTRACTION_USED && factor.is_finite()).then_some(factor)
         });
         let factors: Vec<f64> = factors.collect();
-        (!factors.is_empty()).then(|| quantile(factors, 0.5))
+        (!factors.is_empty()).then(|| shares.map(|share| quantile(factors.clone(), share)))
     }
 
     /// Forces in kN or mN, or of the wrong sign.

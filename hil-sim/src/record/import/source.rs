@@ -336,7 +336,7 @@ impl<'a> Csv<'a> {
                 .next(&mut cells)
                 .map_err(|error| bad(rows.line(), error))?
         {
-            csv.names = cells.iter().map(str::to_owned).collect();
+            csv.names = cells.iter().map(|cell| cell.trim().to_owned()).collect();
         }
         if layout.header && csv.names.is_empty() {
             let expected = "a line with names of columns, found the end of the file";
@@ -360,7 +360,7 @@ impl<'a> Csv<'a> {
             }
             // Comments may stand beside a sheet's table.
             let beyond = cells.iter().skip(csv.names.len());
-            if kind != Text::Sheet && beyond.clone().any(|cell| !cell.is_empty()) {
+            if kind != Text::Sheet && beyond.clone().any(|cell| !cell.trim().is_empty()) {
                 let expected = format!(
                     "{} cells as in the first row, found {}; decimal commas need another delimiter",
                     csv.names.len(),
@@ -372,7 +372,8 @@ impl<'a> Csv<'a> {
                 });
             }
             for column in columns.iter_mut().filter(|column| column.bad.is_none()) {
-                match csv.number(cells.get(column.index)) {
+                // By the reader it would take an allocation a row.
+                match csv.number(cells.get(column.index).map(str::trim)) {
                     Ok(value) => column.values.push(value),
                     Err(why) => column.bad = Some((row, why)),
                 }
@@ -569,7 +570,6 @@ impl<'a> Rows<'a> {
         let reader = csv::ReaderBuilder::new()
             .has_headers(false)
             .flexible(true)
-            .trim(csv::Trim::All)
             .delimiter(*layout.delimiter.get_ref() as u8)
             .from_reader(text);
         Rows {

@@ -1,5 +1,7 @@
 #![no_main]
 
+// The other targets are programs of their own.
+#[allow(dead_code)]
 #[path = "../targets.rs"]
 mod targets;
 
