@@ -8,7 +8,6 @@
 //! of the model (prox-linear method: Lewis & Wright 2016; damping: Marquardt 1963).
 
 use nalgebra::{DMatrix, DVector};
-use std::cmp::Ordering;
 
 /// Residuals beyond this many standard deviations count less.
 pub const OUTLIER: f64 = 4.0;
@@ -83,18 +82,18 @@ fn outside(value: f64, slack: f64) -> f64 {
     (value.abs() - slack.max(0.0)).max(0.0).copysign(value)
 }
 
+/// By how much what lies `outside` a dead zone grows with its `slack`: what is above falls as that
+/// grows, if there is one.
+fn of_slack(outside: f64, slack: f64) -> f64 {
+    if slack < 0.0 { 0.0 } else { -outside.signum() }
+}
+
 /// What lies outside, and the slope of that, a share of a way on, along which a value and its slack
 /// change.
 fn beyond((value, slack): (f64, f64), (along, widening): (f64, f64), share: f64) -> (f64, f64) {
     let slack = slack + share * widening;
-    let widening = if slack < 0.0 { 0.0 } else { widening };
     let outside = outside(value + share * along, slack);
-    let along = if outside < 0.0 {
-        along + widening
-    } else {
-        along - widening
-    };
-    (outside, along)
+    (outside, along + of_slack(outside, slack) * widening)
 }
 
 /// Weight of a residual in a weighted sum of squares that touches the loss where it is.
@@ -157,41 +156,18 @@ impl Slopes {
     /// What lies outside at `residuals`, and its slopes, 0 inside, by the roots of their weights:
     /// the least squares that touch the loss there.
     pub fn weighted(&self, residuals: &Residuals) -> (DVector<f64>, DMatrix<f64>) {
-        let mut slopes = DMatrix::zeros(self.values.nrows(), self.values.ncols());
-        (self.weigh(residuals, &mut slopes), slopes)
-    }
-
-    /// The same with `room` for the slopes.
-    fn weigh(&self, residuals: &Residuals, room: &mut DMatrix<f64>) -> DVector<f64> {
-        let rows = residuals.values.len();
-        let outside = DVector::from_iterator(rows, residuals.outside());
+        let outside = DVector::from_iterator(residuals.values.len(), residuals.outside());
         let roots = outside.map(|row| weight(row).sqrt());
-        // What is above a dead zone falls as that grows, if there is one.
-        let factors = |((row, root), slack): ((&f64, &f64), &f64)| {
-            let of_slack = if *slack < 0.0 { 0.0 } else { *root };
-            match row.partial_cmp(&0.0) {
-                Some(Ordering::Greater) => [*root, -of_slack],
-                Some(Ordering::Less) => [*root, of_slack],
-                _ => [0.0, 0.0],
+        let slopes = DMatrix::from_fn(self.values.nrows(), self.values.ncols(), |row, place| {
+            let share = of_slack(outside[row], residuals.slack[row]);
+            let slope = self.values[(row, place)] + share * self.slack[(row, place)];
+            if outside[row] == 0.0 {
+                0.0
+            } else {
+                roots[row] * slope
             }
-        };
-        let factors = outside
-            .iter()
-            .zip(&roots)
-            .zip(&residuals.slack)
-            .map(factors);
-        let factors: Vec<[f64; 2]> = factors.collect();
-        let length = rows.max(1);
-        let columns = self.values.as_slice().chunks_exact(length);
-        let columns = columns.zip(self.slack.as_slice().chunks_exact(length));
-        let own = room.as_mut_slice().chunks_exact_mut(length);
-        for (own, (values, slack)) in own.zip(columns) {
-            let pairs = values.iter().zip(slack).zip(&factors);
-            for (own, ((value, slack), [of_value, of_slack])) in own.iter_mut().zip(pairs) {
-                *own = of_value * value + of_slack * slack;
-            }
-        }
-        outside.component_mul(&roots)
+        });
+        (outside.component_mul(&roots), slopes)
     }
 
     /// Corrects the slopes by what the step between two points has shown: the least change, in
@@ -265,29 +241,26 @@ impl Linearized<'_> {
     }
 
     /// Gradient and curvature of cost and damping after `step`, which brings the residuals to
-    /// `moved`. `slopes` is room for those of what lies outside.
+    /// `moved`: the curvature of the least squares that touch the loss, or the loss's `own`.
     fn bend(
         &self,
         step: &DVector<f64>,
         moved: &Residuals,
-        slopes: &mut DMatrix<f64>,
         own: bool,
     ) -> (DVector<f64>, DMatrix<f64>) {
-        let rows = self.slopes.weigh(moved, slopes);
         let size = step.len();
-        let mut gradient = slopes.tr_mul(&rows);
-        if own {
-            let outlying = moved.outside().enumerate();
-            for (row, _) in outlying.filter(|(_, beyond)| beyond.abs() > OUTLIER) {
-                slopes.row_mut(row).fill(0.0);
-            }
-        }
+        let mut gradient = DVector::zeros(size);
         let mut curvature = DMatrix::zeros(size, size);
+        let mut block = Block::new(size);
+        let mut row = 0;
+        while row < moved.values.len() {
+            row = block.fill(moved, row, own);
+            block.gather(self.slopes);
+            block.add(&mut gradient, &mut curvature);
+        }
         for (place, (residual, slope)) in self.priors.iter().enumerate() {
-            for other in 0..=place {
-                let product = slopes.column(place).dot(&slopes.column(other));
-                curvature[(place, other)] = product;
-                curvature[(other, place)] = product;
+            for other in 0..place {
+                curvature[(other, place)] = curvature[(place, other)];
             }
             gradient[place] +=
                 slope * (residual + slope * step[place]) + self.damping[place] * step[place];
@@ -305,19 +278,31 @@ impl Linearized<'_> {
         direction: &Direction,
         share: f64,
     ) -> f64 {
-        let rows = moved.values.iter().zip(&moved.slack);
-        let rows = rows.zip(direction.values.iter().zip(&direction.slack));
-        let rows = rows.map(|((value, slack), (along, widening))| {
-            let (outside, along) = beyond((*value, *slack), (*along, *widening), share);
-            outside * weight(outside) * along
-        });
         let priors = self.priors.iter().enumerate();
         let priors = priors.map(|(place, (residual, slope))| {
             let step = step[place] + share * direction.step[place];
             let prior = slope * (residual + slope * step);
             (prior + self.damping[place] * step) * direction.step[place]
         });
-        rows.sum::<f64>() + priors.sum::<f64>()
+        let priors: f64 = priors.sum();
+        let (values, slack) = (&moved.values[..], &moved.slack[..]);
+        let (along, widening) = (direction.values.as_slice(), direction.slack.as_slice());
+        // As `beyond`, without branches.
+        let of_row = |row: usize| {
+            let slack = slack[row] + share * widening[row];
+            let widening = if slack < 0.0 { 0.0 } else { widening[row] };
+            let value = values[row] + share * along[row];
+            let size = (value.abs() - slack.max(0.0)).clamp(0.0, OUTLIER);
+            size * (along[row] * 1.0_f64.copysign(value) - widening)
+        };
+        let rows = values.len().min(slack.len());
+        let rows = rows.min(along.len()).min(widening.len());
+        let mut sums = [0.0; 2];
+        for pair in 0..rows / 2 {
+            sums = [sums[0] + of_row(2 * pair), sums[1] + of_row(2 * pair + 1)];
+        }
+        let last = if rows % 2 == 0 { 0.0 } else { of_row(rows - 1) };
+        sums[0] + sums[1] + last + priors
     }
 
     /// The step to the minimum of cost and damping, as near as is worth it.
@@ -384,16 +369,19 @@ impl Linearized<'_> {
     fn minimum_within(&self, cost: f64, share: f64, own: bool) -> DVector<f64> {
         let mut step = DVector::zeros(self.priors.len());
         let mut moved = self.residuals.clone();
-        let mut slopes = DMatrix::zeros(moved.values.len(), step.len());
+        let widens = self.slopes.slack.iter().any(|slope| *slope != 0.0);
         let mut whole = 0.0;
         for _ in 0..INNER {
-            let (gradient, curvature) = self.bend(&step, &moved, &mut slopes, own);
+            let (gradient, curvature) = self.bend(&step, &moved, own);
             let Some(newton) = curvature.cholesky().map(|c| -c.solve(&gradient)) else {
                 return step;
             };
             let direction = Direction {
                 values: &self.slopes.values * &newton,
-                slack: &self.slopes.slack * &newton,
+                slack: match widens {
+                    true => &self.slopes.slack * &newton,
+                    false => DVector::zeros(moved.slack.len()),
+                },
                 step: newton,
             };
             let fall = -gradient.dot(&direction.step);
@@ -471,6 +459,109 @@ fn level(fall: f64, slope: impl Fn(f64) -> f64) -> f64 {
         }
     }
     low.0
+}
+
+/// Rows that are summed over at a time: their columns stay in the nearest memory.
+const BLOCK: usize = 128;
+
+/// Rows outside their dead zones: what is summed over for gradient and curvature.
+struct Block {
+    rows: Vec<usize>,
+    /// What lies outside, by its weight.
+    pull: [f64; BLOCK],
+    /// Weight in the curvature.
+    weight: [f64; BLOCK],
+    /// How much of the slope of its slack a row has.
+    of_slack: [f64; BLOCK],
+    /// Slopes of what lies outside, a column for each coordinate.
+    slopes: Vec<[f64; BLOCK]>,
+}
+
+impl Block {
+    fn new(coordinates: usize) -> Block {
+        Block {
+            rows: Vec::with_capacity(BLOCK),
+            pull: [0.0; BLOCK],
+            weight: [0.0; BLOCK],
+            of_slack: [0.0; BLOCK],
+            slopes: vec![[0.0; BLOCK]; coordinates],
+        }
+    }
+
+    /// Takes rows from `first` on until it is full, and returns the row after the last. Outliers
+    /// have no curvature of the loss's `own`.
+    fn fill(&mut self, residuals: &Residuals, first: usize, own: bool) -> usize {
+        self.rows.clear();
+        let rows = residuals.values[first..]
+            .iter()
+            .zip(&residuals.slack[first..]);
+        let mut next = residuals.values.len();
+        for (row, (value, slack)) in (first..).zip(rows) {
+            let outside = outside(*value, *slack);
+            if outside == 0.0 {
+                continue;
+            }
+            let place = self.rows.len();
+            if place == BLOCK {
+                next = row;
+                break;
+            }
+            let weight = weight(outside);
+            self.rows.push(row);
+            self.pull[place] = weight * outside;
+            self.weight[place] = match own {
+                true if weight < 1.0 => 0.0,
+                true => 1.0,
+                false => weight,
+            };
+            self.of_slack[place] = of_slack(outside, *slack);
+        }
+        // Of the last block some places are left.
+        self.pull[self.rows.len()..].fill(0.0);
+        self.weight[self.rows.len()..].fill(0.0);
+        next
+    }
+
+    fn gather(&mut self, slopes: &Slopes) {
+        let length = slopes.values.nrows().max(1);
+        let columns = slopes.values.as_slice().chunks_exact(length);
+        let columns = columns.zip(slopes.slack.as_slice().chunks_exact(length));
+        for (own, (values, slack)) in self.slopes.iter_mut().zip(columns) {
+            let rows = self.rows.iter().zip(&self.of_slack);
+            for (own, (row, share)) in own.iter_mut().zip(rows) {
+                *own = values[*row] + share * slack[*row];
+            }
+        }
+    }
+
+    /// Adds the rows to a gradient and the lower triangle of a curvature.
+    fn add(&self, gradient: &mut DVector<f64>, curvature: &mut DMatrix<f64>) {
+        for (place, slopes) in self.slopes.iter().enumerate() {
+            gradient[place] += dot(slopes, &self.pull);
+            let mut weighed = *slopes;
+            for row in 0..BLOCK {
+                weighed[row] *= self.weight[row];
+            }
+            for (other, slopes) in self.slopes[..=place].iter().enumerate() {
+                curvature[(place, other)] += dot(&weighed, slopes);
+            }
+        }
+    }
+}
+
+/// The product, summed in four places side by side, as processors do and rounding forbids them to.
+fn dot(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
+    let mut sums = [0.0; 4];
+    for quarter in 0..BLOCK / 4 {
+        let first = 4 * quarter;
+        sums = [
+            sums[0] + a[first] * b[first],
+            sums[1] + a[first + 1] * b[first + 1],
+            sums[2] + a[first + 2] * b[first + 2],
+            sums[3] + a[first + 3] * b[first + 3],
+        ];
+    }
+    sums[0] + sums[1] + sums[2] + sums[3]
 }
 
 /// A way to go, and how residuals change on it.

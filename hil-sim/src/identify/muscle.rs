@@ -672,7 +672,8 @@ impl MuscleModel {
                 let fading = record.fading_forces(&forces)?;
                 // What differs from run to run is known with the zeros in it.
                 let zeros = zeros && self.repeatability_n.is_none();
-                let zeros = zeros.then(|| record.zeros_of_force(&self.rig));
+                let known = || record.zeros_of_force(&self.rig);
+                let zeros = zeros.then(|| record.zeros_of_force.get_or_init(known).clone());
                 let zeros = zeros.unwrap_or_default();
                 begun_best(&forces, &fading, zeros, |forces| {
                     force_residuals(record, forces)
@@ -681,7 +682,8 @@ impl MuscleModel {
             _ => {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
-                let zeros = zeros.then(|| record.zeros_of_balances(&self.rig, force_read));
+                let known = || record.zeros_of_balances(&self.rig, force_read);
+                let zeros = zeros.then(|| record.zeros_of_balances.get_or_init(known).clone());
                 let zeros = zeros.unwrap_or_default();
                 let mut residuals = if force_read {
                     without(balances(&measured_n(record, &rig)?)?, &zeros, None)

@@ -14,6 +14,7 @@ use model_core::pressure::GaugePa;
 use muscle_plant::nominal::{Gas, Load, Weight};
 use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Columns that tell of the gas.
 const OF_GAS: [&str; 5] = [
@@ -188,6 +189,9 @@ pub(super) struct Prepared {
     pub(super) between_pa: Vec<f64>,
     /// Its effects are settled as it begins.
     pub(super) settled: bool,
+    /// How zeros change residuals of the force, and of the load's balance: once they are asked for.
+    pub(super) zeros_of_force: OnceLock<Vec<Vec<f64>>>,
+    pub(super) zeros_of_balances: OnceLock<Vec<Vec<f64>>>,
     /// What is doubtful about it.
     pub(super) warnings: Vec<String>,
 }
@@ -332,6 +336,8 @@ impl Prepared {
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
             between_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
+            zeros_of_force: OnceLock::new(),
+            zeros_of_balances: OnceLock::new(),
             warnings,
         };
         prepared.motion(record, contraction);
@@ -402,9 +408,13 @@ impl Prepared {
     /// Standard deviation of how far the force of a muscle whose force depends on pressure by this
     /// slope is from what is read \[N\].
     pub(super) fn force_noise_n(&self, per_pressure_m2: f64) -> f64 {
-        (per_pressure_m2 * self.noise.pressure_pa)
-            .hypot(self.noise.force_n)
-            .hypot(FORCE_FLOOR_N.max(self.repeatability_n))
+        // Not `hypot`, which guards against overflow and takes ten times as long.
+        let parts_n = [
+            per_pressure_m2 * self.noise.pressure_pa,
+            self.noise.force_n,
+            FORCE_FLOOR_N.max(self.repeatability_n),
+        ];
+        parts_n.map(|n| n * n).iter().sum::<f64>().sqrt()
     }
 
     /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
