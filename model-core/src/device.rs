@@ -94,6 +94,9 @@ pub struct Device<C = Controller> {
     start: Voted<Option<StartFault>>,
     /// What the self-test in the background has found.
     found: Option<StartFault>,
+    /// The fault that was latched before hardware in the loop: that must not reset it, which takes
+    /// a request, and the enabling device if there is one.
+    latched: Option<Fault>,
     tick: u32,
     /// The last tick's output.
     output: Output,
@@ -118,6 +121,7 @@ impl<C: Control> Device<C> {
             confirmation: Confirmation::default(),
             start: Voted::new(None),
             found: None,
+            latched: None,
             tick: 0,
             output: Output::default(),
         }
@@ -279,19 +283,22 @@ impl<C: Control> Device<C> {
     fn enter_hil(&mut self, hil: &mut Option<Hil>) {
         if hil.is_none() && !self.is_armed() {
             *hil = Some(Hil::default());
-            self.restart();
+            self.latched = self.controller.memory().state.get().fault;
+            self.restart(None);
         }
     }
 
     fn leave_hil(&mut self, hil: &mut Option<Hil>) {
         if hil.take().is_some() {
-            self.restart();
+            let latched = self.latched.take();
+            self.restart(latched);
         }
     }
 
-    /// Restarts the controller: its state belongs to the plant that it leaves.
-    fn restart(&mut self) {
-        self.controller.memory_mut().restart();
+    /// Restarts the controller: its state belongs to the plant that it leaves, but for what is
+    /// latched on the one that it comes to.
+    fn restart(&mut self, latched: Option<Fault>) {
+        self.controller.memory_mut().restart(latched);
         self.output = Output::default();
     }
 
@@ -831,6 +838,41 @@ mod tests {
         assert_eq!(
             (seen.telemetry.source, mode(&seen)),
             (Source::Pins, Mode::SelfCheck)
+        );
+    }
+
+    /// It would be a way around the contact that a reset needs.
+    #[test]
+    fn hardware_in_the_loop_resets_no_fault() {
+        let mut device = ready();
+        let stopped = Pins {
+            stop_open: [true, false],
+            ..resting()
+        };
+        for _ in 0..100 {
+            tick(&mut device, &stopped, &[]);
+        }
+        let fault = Some(Fault::StopContactsDiffer);
+        assert_eq!(device.controller.state().fault, fault);
+        tick(&mut device, &resting(), &[Command::EnterHil]);
+        let seen = tick(&mut device, &resting(), &[simulated(0, Request::None)]);
+        assert_eq!(
+            (mode(&seen), seen.telemetry.output.fault),
+            (Mode::SelfCheck, None)
+        );
+        tick(&mut device, &resting(), &[Command::LeaveHil]);
+        for _ in 0..100 {
+            let seen = tick(&mut device, &resting(), &[]);
+            assert_eq!(
+                (mode(&seen), seen.telemetry.output.fault),
+                (Mode::Venting, fault)
+            );
+        }
+        tick(&mut device, &resting(), &[Command::Request(Request::Reset)]);
+        let seen = tick(&mut device, &resting(), &[]);
+        assert_eq!(
+            (mode(&seen), seen.telemetry.output.fault),
+            (Mode::SelfCheck, None)
         );
     }
 

@@ -200,9 +200,15 @@ impl Memory {
         self.state.set(state);
     }
 
-    /// Returns to the state at power-on, with the same settings.
-    pub fn restart(&mut self) {
-        self.state.set(State::default());
+    /// Returns to the state at power-on, with the same settings; with a fault that stays latched
+    /// to that after venting.
+    pub fn restart(&mut self, latched: Option<Fault>) {
+        let mode = latched.map_or(Mode::default(), |_| Mode::Venting);
+        self.state.set(State {
+            mode,
+            fault: latched,
+            ..State::default()
+        });
     }
 }
 
