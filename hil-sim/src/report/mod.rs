@@ -269,6 +269,22 @@ fn cell(text: &str) -> String {
     escaped(&cell)
 }
 
+/// A sentence escaped for HTML, with what stands between backticks as code.
+fn sentence(text: &str) -> String {
+    let html = cell(text);
+    if !html.matches('`').count().is_multiple_of(2) {
+        return html;
+    }
+    let parts = html
+        .split('`')
+        .enumerate()
+        .map(|(place, part)| match place % 2 {
+            0 => part.to_owned(),
+            _ => format!("<code>{part}</code>"),
+        });
+    parts.collect()
+}
+
 impl Report {
     /// The report as one HTML file.
     pub fn to_html(&self) -> String {
@@ -294,9 +310,9 @@ impl Report {
 
     fn write_body<'a>(&'a self, html: &mut String, plots: &mut Vec<&'a Plot>) -> std::fmt::Result {
         writeln!(html, "<header><h1>{}</h1>", escaped(&self.title))?;
-        for (number, sentence) in self.verdict.iter().enumerate() {
+        for (number, own) in self.verdict.iter().enumerate() {
             let class = if number == 0 { "headline" } else { "verdict" };
-            writeln!(html, "<p class=\"{class}\">{}</p>", cell(sentence))?;
+            writeln!(html, "<p class=\"{class}\">{}</p>", sentence(own))?;
         }
         writeln!(html, "</header>")?;
         self.write_contents(html)?;
@@ -304,7 +320,7 @@ impl Report {
             let heading = escaped(&section.heading);
             writeln!(html, "<section id=\"s{number}\"><h2>{heading}</h2>")?;
             for paragraph in &section.text {
-                writeln!(html, "<p>{}</p>", escaped(paragraph))?;
+                writeln!(html, "<p>{}</p>", sentence(paragraph))?;
             }
             for table in &section.tables {
                 table.write_html(html)?;
@@ -493,6 +509,12 @@ mod tests {
         assert_eq!(cell("4.00 Hz"), "4.00\u{a0}Hz");
         assert_eq!(cell("57 %"), "57\u{a0}%");
         assert_eq!(cell("valve A: 3 < 4"), "valve A: 3 &lt; 4");
+    }
+
+    #[test]
+    fn commands_in_sentences_are_code() {
+        assert_eq!(sentence("(`a < b`)"), "(<code>a &lt; b</code>)");
+        assert_eq!(sentence("a ` b"), "a ` b");
     }
 
     #[test]
