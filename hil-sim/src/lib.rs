@@ -5,6 +5,7 @@ pub mod bench;
 pub mod commission;
 pub mod datasheet;
 pub mod design;
+pub mod effect_page;
 pub mod effect_plots;
 pub mod error;
 pub mod faults;

@@ -18,6 +18,7 @@ use model_core::pressure::GaugePa;
 use model_core::settings::SettingsValues;
 use muscle_plant::nominal::{Load, Weight};
 use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
+use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 use std::ops::RangeInclusive;
 
@@ -50,6 +51,12 @@ pub enum Part {
 }
 
 impl Part {
+    /// Its name on the command line.
+    pub fn name(self) -> String {
+        let value = clap::ValueEnum::to_possible_value(&self);
+        value.map_or_else(String::new, |value| value.get_name().into())
+    }
+
     /// The parts that need no shut-off valve.
     pub const DEFAULT: [Part; 5] = [
         Part::Zero,
@@ -204,6 +211,47 @@ pub struct TestSignal {
     pub record: Record,
     /// Its parts, and the start of each \[s\].
     pub parts: Vec<(Part, f64)>,
+}
+
+/// A test signal, for programs.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Its file.
+    pub experiment: String,
+    /// Its length \[s\].
+    pub length_s: f64,
+    /// The lowest and the highest pressure to work with (gauge) \[Pa\].
+    pub pressure_pa_low: f64,
+    /// See `pressure_pa_low`.
+    pub pressure_pa_high: f64,
+    /// Its parts.
+    pub parts: Vec<PartSummary>,
+}
+
+/// A part of a test signal.
+#[derive(Clone, Debug, Serialize)]
+pub struct PartSummary {
+    /// Its name.
+    pub part: String,
+    /// When it begins \[s\].
+    pub begins_s: f64,
+}
+
+impl TestSignal {
+    /// The signal within `limits`, written to `file`.
+    pub fn summary(&self, limits: &Limits, file: &str) -> Summary {
+        let parts = self.parts.iter().map(|(part, begins_s)| PartSummary {
+            part: part.name(),
+            begins_s: *begins_s,
+        });
+        Summary {
+            experiment: file.into(),
+            length_s: self.record.time_s().last().copied().unwrap_or(0.0),
+            pressure_pa_low: limits.low_pa,
+            pressure_pa_high: limits.high_pa,
+            parts: parts.collect(),
+        }
+    }
 }
 
 /// Writes `parts` one after the other, within `limits`; vented at both ends.

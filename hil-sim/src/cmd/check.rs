@@ -2,10 +2,8 @@
 
 use super::Failure;
 use hil_sim::record::Record;
-use hil_sim::record::check::{Check, Finding, Sampling, Signal, Subsystem, check};
+use hil_sim::record::check::{Signal, Subsystem, Summary, summary};
 use hil_sim::report::{Report, Section, Table};
-use muscle_plant::effects::Catalogue;
-use serde::Serialize;
 use std::path::PathBuf;
 
 /// Check whether a record is suitable for a diagnosis: sampling, noise, faulty sensors, excitation
@@ -31,47 +29,21 @@ pub struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Summary<'a> {
-    sampling: &'a Sampling,
-    signals: &'a [Signal],
-    errors: &'a [Finding],
-    warnings: &'a [Finding],
-    blocks: &'a [Subsystem],
-    /// Columns that nothing reads.
-    left_out: &'a [&'a str],
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let record = Record::read(&args.record)?;
-    record.check_names()?;
     let rig = args.rig.as_deref().map(super::read_rig).transpose()?;
-    let mut check = check(&record);
-    let doubted = check.units(&record, rig.as_ref());
-    match super::accepts() {
-        true => check.warnings.extend(doubted),
-        false => check.errors.extend(doubted),
-    }
-    let blocks = check.subsystems(&Catalogue::standard(), rig.as_ref());
-    let left_out = record.left_out();
+    let summary = summary(&record, rig.as_ref(), super::accepts())?;
     if args.json {
-        super::print_json(&Summary {
-            sampling: &check.sampling,
-            signals: &check.signals,
-            errors: &check.errors,
-            warnings: &check.warnings,
-            blocks: &blocks,
-            left_out: &left_out,
-        })?;
+        super::print_json(&summary)?;
     } else {
         let title = args.record.display().to_string();
-        super::print(&report(title, &check, &blocks, &left_out).to_text())?;
+        super::print(&report(title, &summary).to_text())?;
     }
     Ok(())
 }
 
-fn report(title: String, check: &Check, blocks: &[Subsystem], left_out: &[&str]) -> Report {
+fn report(title: String, check: &Summary) -> Report {
     let sampling = &check.sampling;
     let mut verdict = vec![format!(
         "{} {} in {:.2} s, one each {:.4} ms (jitter {:.1} %), gaps: {}.",
@@ -89,8 +61,8 @@ fn report(title: String, check: &Check, blocks: &[Subsystem], left_out: &[&str])
             .iter()
             .map(|warning| format!("Warning: {warning}.")),
     );
-    if !left_out.is_empty() {
-        verdict.push(format!("Left out: {}.", left_out.join(", ")));
+    if !check.left_out.is_empty() {
+        verdict.push(format!("Left out: {}.", check.left_out.join(", ")));
     }
     let table = |caption: &str, columns: &[&str], rows| Table {
         caption: caption.into(),
@@ -120,7 +92,7 @@ fn report(title: String, check: &Check, blocks: &[Subsystem], left_out: &[&str])
             "sufficient",
             "missing columns, or effects hardly shown",
         ],
-        blocks.iter().map(block_row).collect(),
+        check.blocks.iter().map(block_row).collect(),
     );
     Report {
         title,

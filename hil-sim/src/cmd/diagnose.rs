@@ -3,13 +3,13 @@
 use super::Failure;
 use super::Progress;
 use hil_sim::error::{BadInput, one_of};
-use hil_sim::identify::diagnosis::{Diagnosis, Options, diagnose};
+use hil_sim::identify::diagnosis::{Diagnosis, Options};
+use hil_sim::identify::files::{Files, diagnose_files};
 use hil_sim::identify::leak_down::leak_down;
-use hil_sim::identify::provenance::{file_hash, provenance};
+use hil_sim::identify::provenance::file_hash;
 use hil_sim::identify::report;
-use hil_sim::output::{NotWritten, same_file, utc, write_atomically, written_at};
+use hil_sim::output::{NotWritten, same_file, write_atomically};
 use hil_sim::record::Record;
-use hil_sim::record::check::check;
 use hil_sim::rig::{FileHash, Rig};
 use model_discrepancy::verdict::{Costs, Step, Watch};
 use muscle_plant::effects::Catalogue;
@@ -96,45 +96,6 @@ fn read(paths: &[PathBuf], rig: Option<&Rig>) -> Result<(Vec<Record>, Vec<FileHa
     read.collect()
 }
 
-/// What was accepted although it cannot be in the unit that its name says, as warnings.
-fn in_doubt<'a>(
-    rig: &'a Rig,
-    records: impl Iterator<Item = &'a Record> + 'a,
-) -> impl Iterator<Item = String> + 'a {
-    let of_rig = rig.check_units().err().into_iter();
-    let of_records = records.flat_map(|record| {
-        let doubted = check(record).units(record, Some(rig));
-        doubted
-            .into_iter()
-            .map(|finding| finding.refusal(record))
-            .collect::<Vec<_>>()
-    });
-    of_rig
-        .chain(of_records)
-        .map(|error| format!("accepted: {error}"))
-}
-
-/// What is expected of a rig without tolerances.
-fn untold(path: &Path) -> String {
-    let path = path.display();
-    format!(
-        "[tolerance.*] tables, which say how well its values are known (`hil-sim rig tolerances \
-         {path}` prints those of uncalibrated values, to paste at its end), or --exact if all are \
-         exact"
-    )
-}
-
-/// Checks that a rig tells how well its values are known, or is said to be exact.
-fn check_tolerances(rig: &Rig, path: &Path, exact: bool) -> Result<(), BadInput> {
-    match (rig.tolerances.is_empty(), exact) {
-        (true, false) => Err(rig.bad_file(&untold(path))),
-        (false, true) => Err(rig.bad_file(
-            "no [tolerance.*] tables with --exact, which says that every value is exact",
-        )),
-        (true, true) | (false, false) => Ok(()),
-    }
-}
-
 /// Checks that no record is fitted and validated with.
 fn check_apart(args: &Args) -> Result<(), BadInput> {
     let is_fitted = |path: &&PathBuf| args.fit.iter().any(|fitted| same_file(fitted, path));
@@ -155,16 +116,6 @@ fn options(args: &Args) -> Options {
             missing_name: args.cost_missing_name,
         },
     }
-}
-
-/// What other commands say of the fitted rig if they refuse it, as where digits that are left out
-/// take a value past another.
-fn refused(fitted: &str) -> Option<String> {
-    let refused = Rig::parse("rig.fitted.toml", fitted).err()?;
-    Some(format!(
-        "other commands refuse the fitted rig: {refused}; a smaller tolerance of the value keeps \
-         it from there"
-    ))
 }
 
 /// Runs `diagnose` with its threads, told of its progress.
@@ -254,59 +205,25 @@ fn of_chamber(args: &Args) -> Result<(), Failure> {
 }
 
 fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
-    let date = utc(written_at()?);
     let text = Rig::read_text(path)?;
-    let rig = Rig::parse(&path.display().to_string(), &text)?;
+    let name = path.display().to_string();
+    let rig = Rig::parse(&name, &text)?;
     super::accepted(rig.check_units())?;
-    let (fit, fit_inputs) = read(&args.fit, Some(&rig))?;
-    let (validate, validate_inputs) = read(&args.validate, Some(&rig))?;
-    check_tolerances(&rig, path, args.exact)?;
-    let mut diagnosed = watched(args, |watch| {
-        diagnose(&rig, &fit, &validate, &options(args), watch)
-    })?;
-    if rig.tolerances.is_empty() {
-        let words = "the rig has no tolerances: the verdict rests on its values being exact";
-        diagnosed.diagnosis.warnings.push(words.into());
-    }
-    diagnosed
-        .diagnosis
-        .warnings
-        .extend(in_doubt(&rig, fit.iter().chain(&validate)));
-    let rewritten = diagnosed.fitted.rewritten(&text);
-    let provenance = provenance(
-        &diagnosed.diagnosis,
-        date,
-        file_hash(path, text.as_bytes()),
-        [fit_inputs, validate_inputs],
-    );
-    let rewritten = rewritten
-        .and_then(|rewritten| provenance.around(&rewritten))
-        .map_err(|error| rig.bad_file(&error.to_string()))?;
-    diagnosed.diagnosis.warnings.extend(refused(&rewritten));
+    let (fit, fit_files) = read(&args.fit, Some(&rig))?;
+    let (validate, validate_files) = read(&args.validate, Some(&rig))?;
+    let files = Files {
+        rig: (&rig, &name, &text),
+        records: [&fit, &validate],
+        hashes: [fit_files, validate_files],
+        rig_hash: file_hash(path, text.as_bytes()),
+        exact: args.exact,
+    };
+    let (diagnosed, rig_toml) =
+        watched(args, |watch| diagnose_files(files, &options(args), watch))?;
     let shown = (VALIDATION, &validate[..], &diagnosed.free_runs[..]);
     let catalogue = &diagnosed.fitted.catalogue;
-    write(
-        args,
-        &diagnosed.diagnosis,
-        catalogue,
-        shown,
-        Some(&rewritten),
-    )?;
+    let diagnosis = &diagnosed.diagnosis;
+    write(args, diagnosis, catalogue, shown, Some(&rig_toml))?;
     super::note_left_out(fit.iter().chain(&validate));
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fitted_rig_that_is_no_rig_is_told() {
-        assert_eq!(refused(Rig::REFERENCE_TOML), None);
-        let other =
-            Rig::REFERENCE_TOML.replacen("volume_d1_m3 = -9.90e-4", "volume_d1_m3 = -1e-2", 1);
-        assert_ne!(other, Rig::REFERENCE_TOML);
-        let told = refused(&other).expect("refused");
-        assert!(told.contains("a volume above 0"), "{told}");
-    }
 }

@@ -1,14 +1,12 @@
 //! `hil-sim effects`.
 
 use super::{Failure, print, print_json, this_command};
+use hil_sim::effect_page::{KindSummary, list, markdown};
 use hil_sim::effect_plots;
 use hil_sim::error::{BadInput, one_of};
 use hil_sim::output::write_atomically;
-use hil_sim::report::{Report, Section, Table};
-use hil_sim::rig::effect_toml;
-use muscle_plant::effects::{Catalogue, CompensationMethod, Effect, EffectKind, Form, Parameter};
-use serde::Serialize;
-use std::fmt::Write;
+use hil_sim::report::Section;
+use muscle_plant::effects::Catalogue;
 use std::path::PathBuf;
 
 /// The symbols of the equations, for the help and the page.
@@ -47,203 +45,6 @@ pub struct Args {
     markdown: bool,
 }
 
-#[derive(Serialize)]
-struct KindSummary {
-    name: &'static str,
-    subsystem: &'static str,
-    signature: &'static str,
-    test_signal: &'static str,
-    compensation: String,
-    forms: Vec<FormSummary>,
-}
-
-#[derive(Serialize)]
-struct FormSummary {
-    name: &'static str,
-    equation: &'static str,
-    source: &'static str,
-    leaves_out: &'static str,
-    keys: Vec<KeySummary>,
-    toml: String,
-}
-
-#[derive(Serialize)]
-struct KeySummary {
-    key: &'static str,
-    unit: &'static str,
-    min: f64,
-    max: f64,
-    typical: f64,
-}
-
-impl KindSummary {
-    fn new(kind: &'static EffectKind) -> KindSummary {
-        let key = |parameter: &Parameter| KeySummary {
-            key: parameter.name,
-            unit: parameter.unit,
-            min: parameter.min,
-            max: parameter.max,
-            typical: parameter.typical,
-        };
-        let form = |form: &'static Form| FormSummary {
-            name: form.name,
-            equation: form.equation,
-            source: form.source,
-            leaves_out: form.leaves_out,
-            keys: form.parameters.iter().map(key).collect(),
-            toml: effect_toml(&Effect::typical(kind, form)),
-        };
-        KindSummary {
-            name: kind.name,
-            subsystem: kind.subsystem.name(),
-            signature: kind.signature,
-            test_signal: kind.test_signal,
-            compensation: compensation(&kind.compensation),
-            forms: kind.forms.iter().map(form).collect(),
-        }
-    }
-
-    fn report(&self) -> Report {
-        let mut verdict = vec![
-            format!("Signature: {}", self.signature),
-            format!("Subsystem: {}", self.subsystem),
-            format!("Test signal: {}", self.test_signal),
-            format!("Compensation: {}", self.compensation),
-        ];
-        verdict.extend(self.forms.iter().flat_map(FormSummary::sentences));
-        Report {
-            title: self.name.into(),
-            verdict,
-            sections: self.forms.iter().map(FormSummary::section).collect(),
-            repeat: Vec::new(),
-        }
-    }
-}
-
-impl FormSummary {
-    /// Its equation, its source and what it leaves out.
-    fn sentences(&self) -> [String; 3] {
-        [
-            format!("Form {}: {}", self.name, self.equation),
-            format!("  Source: {}", self.source),
-            format!("  Leaves out: {}.", self.leaves_out),
-        ]
-    }
-
-    fn markdown(&self, page: &mut String) -> std::fmt::Result {
-        let FormSummary {
-            name,
-            equation,
-            source,
-            leaves_out,
-            ..
-        } = self;
-        let equation = equation.replace("; ", "\n    ");
-        writeln!(page, "\n**{name}**\n\n    {equation}\n")?;
-        writeln!(page, "{source} Leaves out {leaves_out}.")?;
-        if !self.keys.is_empty() {
-            writeln!(
-                page,
-                "\n| key | unit | from | to | typical |\n|---|---|---|---|---|"
-            )?;
-        }
-        for key in &self.keys {
-            let numbers = [key.min, key.max, key.typical].map(|value| format!("{value:?}"));
-            let numbers = numbers.join(" | ");
-            writeln!(page, "| `{}` | {} | {numbers} |", key.key, key.unit)?;
-        }
-        writeln!(page, "\n```toml\n{}```", self.toml)
-    }
-
-    fn section(&self) -> Section {
-        let row = |key: &KeySummary| {
-            let numbers = [key.min, key.max, key.typical].map(|value| format!("{value:?}"));
-            [vec![key.key.into(), key.unit.into()], numbers.into()].concat()
-        };
-        Section {
-            heading: format!("Form {}", self.name),
-            tables: vec![Table {
-                caption: String::new(),
-                columns: ["key", "unit", "from", "to", "typical"]
-                    .map(String::from)
-                    .into(),
-                rows: self.keys.iter().map(row).collect(),
-            }],
-            ..Section::default()
-        }
-    }
-}
-
-/// The part of the controller that compensates an effect, in words.
-fn compensation(method: &CompensationMethod) -> String {
-    match method {
-        CompensationMethod::HysteresisLoop => "the hysteresis loop of the controller".into(),
-        CompensationMethod::Friction(_) => "a force in the direction of motion".into(),
-        CompensationMethod::Payload(_) => "a constant force".into(),
-        CompensationMethod::ValveDeadZone(_) => "a step of the reference across it".into(),
-        CompensationMethod::PressureSensorOffset(_) => "the zero of the pressure reading".into(),
-        CompensationMethod::PressureSensorGain(_) => "the scale of the pressure reading".into(),
-        CompensationMethod::Lag => "the lead of the reference".into(),
-        CompensationMethod::Unavailable(reason) => format!("none: {reason}"),
-    }
-}
-
-fn list(kinds: &[KindSummary]) -> Report {
-    let row = |kind: &KindSummary| {
-        let forms: Vec<_> = kind.forms.iter().map(|form| form.name).collect();
-        vec![kind.name.into(), kind.subsystem.into(), forms.join(", ")]
-    };
-    Report {
-        title: "Effects that a rig may have".into(),
-        sections: vec![Section {
-            heading: "To show one: hil-sim effects NAME".into(),
-            tables: vec![Table {
-                caption: String::new(),
-                columns: ["name", "subsystem", "forms, the first by default"]
-                    .map(String::from)
-                    .into(),
-                rows: kinds.iter().map(row).collect(),
-            }],
-            ..Section::default()
-        }],
-        ..Report::default()
-    }
-}
-
-/// All effects as a page in Markdown.
-fn markdown(kinds: &[KindSummary]) -> String {
-    let mut page = String::from(PAGE_HEAD);
-    // Writing to a string cannot fail.
-    let _ = write_effects(&mut page, kinds);
-    page
-}
-
-fn write_effects(page: &mut String, kinds: &[KindSummary]) -> std::fmt::Result {
-    for kind in kinds {
-        let KindSummary {
-            name,
-            subsystem,
-            signature,
-            test_signal,
-            compensation,
-            forms,
-        } = kind;
-        writeln!(
-            page,
-            "\n## {name}\n\n| | |\n|---|---|\n| subsystem | {subsystem} |"
-        )?;
-        writeln!(
-            page,
-            "| signature | {signature} |\n| test signal | {test_signal} |"
-        )?;
-        writeln!(page, "| compensation | {compensation} |")?;
-        for form in forms {
-            form.markdown(page)?;
-        }
-    }
-    Ok(())
-}
-
 const PAGE_HEAD: &str = concat!(
     "\
 # Effects that a rig may have
@@ -265,7 +66,7 @@ pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
             return Ok(print_json(&kinds)?);
         }
         if args.markdown {
-            return Ok(print(&markdown(&kinds))?);
+            return Ok(print(&markdown(PAGE_HEAD, &kinds))?);
         }
         return Ok(print(&list(&kinds).to_text())?);
     };

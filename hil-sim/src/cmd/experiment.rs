@@ -2,10 +2,9 @@
 
 use super::Failure;
 use super::between;
-use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, test_signal};
+use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, PartSummary, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::same_file;
-use serde::Serialize;
 use std::path::PathBuf;
 
 /// Write the test signal of the next experiment, within the rig's limits
@@ -43,21 +42,6 @@ pub struct Args {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Summary {
-    experiment: String,
-    length_s: f64,
-    pressure_pa_low: f64,
-    pressure_pa_high: f64,
-    parts: Vec<PartSummary>,
-}
-
-#[derive(Serialize)]
-struct PartSummary {
-    part: String,
-    begins_s: f64,
-}
-
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     if same_file(&args.out, &args.rig) {
@@ -72,18 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let written = test_signal(&limits, parts);
     written.record.write(&args.out)?;
-    let parts = written.parts.iter().map(|(part, begins_s)| PartSummary {
-        part: clap::ValueEnum::to_possible_value(part)
-            .map_or_else(String::new, |value| value.get_name().into()),
-        begins_s: *begins_s,
-    });
-    let summary = Summary {
-        experiment: args.out.display().to_string(),
-        length_s: written.record.time_s().last().copied().unwrap_or(0.0),
-        pressure_pa_low: limits.low_pa,
-        pressure_pa_high: limits.high_pa,
-        parts: parts.collect(),
-    };
+    let summary = written.summary(&limits, &args.out.display().to_string());
     if args.json {
         super::print_json(&summary)?;
     } else {

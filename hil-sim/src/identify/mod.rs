@@ -3,6 +3,7 @@
 
 pub mod compare;
 pub mod diagnosis;
+pub mod files;
 pub mod gap;
 mod initial;
 mod inputs;

@@ -256,6 +256,46 @@ pub struct Check {
     pub warnings: Vec<Finding>,
 }
 
+/// What a diagnosis can make of a record: its check, with units, and the subsystems that it tells of.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Sampling of the record.
+    pub sampling: Sampling,
+    /// The columns with samples.
+    pub signals: Vec<Signal>,
+    /// Findings that make a diagnosis impossible.
+    pub errors: Vec<Finding>,
+    /// Findings that make a diagnosis less accurate.
+    pub warnings: Vec<Finding>,
+    /// Subsystems that can be diagnosed.
+    pub blocks: Vec<Subsystem>,
+    /// Columns that nothing reads.
+    pub left_out: Vec<String>,
+}
+
+/// The summary of `record`, of `rig` if that is known. Numbers that cannot be in the units that
+/// their names say are errors, or warnings if they are to be taken as they are (`accept`).
+///
+/// # Errors
+/// A column has almost the name of a known one that is absent.
+pub fn summary(record: &Record, rig: Option<&Rig>, accept: bool) -> Result<Summary, BadInput> {
+    record.check_names()?;
+    let mut check = check(record);
+    let doubted = check.units(record, rig);
+    match accept {
+        true => check.warnings.extend(doubted),
+        false => check.errors.extend(doubted),
+    }
+    Ok(Summary {
+        blocks: check.subsystems(&Catalogue::standard(), rig),
+        sampling: check.sampling,
+        signals: check.signals,
+        errors: check.errors,
+        warnings: check.warnings,
+        left_out: record.left_out().into_iter().map(str::to_owned).collect(),
+    })
+}
+
 /// Checks the sampling and the signals of `record`.
 pub fn check(record: &Record) -> Check {
     let mut warnings = Vec::new();
