@@ -539,8 +539,8 @@ impl Block {
         for (place, slopes) in self.slopes.iter().enumerate() {
             gradient[place] += dot(slopes, &self.pull);
             let mut weighed = *slopes;
-            for row in 0..BLOCK {
-                weighed[row] *= self.weight[row];
+            for (own, weight) in weighed.iter_mut().zip(&self.weight) {
+                *own *= weight;
             }
             for (other, slopes) in self.slopes[..=place].iter().enumerate() {
                 curvature[(place, other)] += dot(&weighed, slopes);

@@ -57,6 +57,16 @@ impl Part {
         value.map_or_else(String::new, |value| value.get_name().into())
     }
 
+    /// All parts.
+    pub const ALL: [Part; 6] = [
+        Part::Zero,
+        Part::Triangles,
+        Part::Holds,
+        Part::ShutHolds,
+        Part::Multisine,
+        Part::Sweep,
+    ];
+
     /// The parts that need no shut-off valve.
     pub const DEFAULT: [Part; 5] = [
         Part::Zero,

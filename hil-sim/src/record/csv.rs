@@ -229,6 +229,48 @@ impl Record {
     }
 }
 
+/// The bytes of a record's file with `columns`, in which NaN is a missing sample.
+///
+/// # Errors
+/// There is none, or they differ in length.
+pub fn csv_of_columns<'a>(
+    name: &str,
+    columns: impl Iterator<Item = (&'a str, Vec<f64>)>,
+) -> Result<Vec<u8>, BadInput> {
+    let (names, columns): (Vec<&str>, Vec<Vec<f64>>) = columns.unzip();
+    let bad = |expected: String| BadInput::file(name, expected);
+    let rows = columns.first().map(Vec::len);
+    let rows = rows.ok_or_else(|| bad(format!("a column `{TIME_S}` and another, found none")))?;
+    let other = columns
+        .iter()
+        .zip(&names)
+        .find(|(own, _)| own.len() != rows);
+    if let Some((own, column)) = other {
+        let (first, found) = (names[0], own.len());
+        return Err(bad(format!(
+            "columns of equal length, found {rows} in `{first}` and {found} in `{column}`"
+        )));
+    }
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut text = Vec::new();
+    let mut write = || -> csv::Result<()> {
+        writer.write_record(&names)?;
+        for row in 0..rows {
+            for column in &columns {
+                text.clear();
+                if !column[row].is_nan() {
+                    push(&mut text, column[row])?;
+                }
+                writer.write_field(&text)?;
+            }
+            writer.write_record(None::<&[u8]>)?;
+        }
+        Ok(())
+    };
+    write().map_err(|error| bad(error.to_string()))?;
+    writer.into_inner().map_err(|error| bad(error.to_string()))
+}
+
 /// Appends the shortest decimal that reads back as `value`.
 fn push(text: &mut Vec<u8>, value: f64) -> std::io::Result<()> {
     // Whole numbers have the same digits as integers, which are written several times faster.

@@ -13,6 +13,7 @@ mod misnamed;
 pub(crate) mod units;
 
 use crate::error::BadInput;
+pub use csv::csv_of_columns;
 pub(crate) use csv::{newlines, row_start};
 
 /// Time of the sample \[s\].
@@ -209,6 +210,15 @@ impl Record {
         self.column(name).ok_or_else(|| match self.cells(name) {
             None => self.bad(name, "this column, found none"),
             Some(_) => self.bad(name, "at least one sample, found none"),
+        })
+    }
+
+    /// The columns of numbers in the file's order, the time among them.
+    pub fn numbers(&self) -> impl Iterator<Item = (&str, &[f64])> {
+        self.columns.iter().filter_map(|column| match column {
+            None => Some((TIME_S, &self.time_s[..])),
+            Some((name, Cells::Numbers(values))) => Some((name, values)),
+            Some((_, Cells::Text(_))) => None,
         })
     }
 

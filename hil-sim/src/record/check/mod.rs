@@ -256,7 +256,7 @@ pub struct Check {
     pub warnings: Vec<Finding>,
 }
 
-/// What a diagnosis can make of a record: its check, with units, and the subsystems that it tells of.
+/// What a diagnosis can make of a record: its check, with units, and the subsystems that it shows.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Sampling of the record.
