@@ -38,6 +38,7 @@ Examples:
   score run --seed 1 --count 10 --check          a small subset, for CI
   score run --kind none --count 100              one kind, for a sharp figure
   score run --effect leak --count 9 -- --threads 1
+  score run --diagnose my-method --simulate target/release/hil-sim --count 20
   score report                                   the cases already run, scored again
   score shuffled                                 what chance would reach
   score without leak creep --count 3             effects taken out of the catalogue
@@ -60,6 +61,9 @@ struct ToolArgs {
     /// The program whose `diagnose` is measured
     #[arg(long, value_name = "PATH", default_value = PROGRAM)]
     diagnose: PathBuf,
+    /// The program whose `simulate` tells what a fitted rig predicts; that of --diagnose if omitted
+    #[arg(long, value_name = "PATH")]
+    simulate: Option<PathBuf>,
     /// Cases at a time
     #[arg(long, default_value_t = 2)]
     jobs: usize,
@@ -79,9 +83,22 @@ struct ToolArgs {
 }
 
 impl ToolArgs {
+    /// The arguments that name the programs, unless they are the usual ones.
+    fn programs(&self) -> String {
+        let mut arguments = String::new();
+        if self.diagnose != Path::new(PROGRAM) {
+            arguments += &format!(" --diagnose {}", self.diagnose.display());
+        }
+        if let Some(simulate) = &self.simulate {
+            arguments += &format!(" --simulate {}", simulate.display());
+        }
+        arguments
+    }
+
     fn tool(&self) -> Tool {
         Tool {
             program: self.diagnose.clone(),
+            simulator: self.simulate.as_ref().unwrap_or(&self.diagnose).clone(),
             arguments: self.arguments.clone(),
             experiment: self.experiment.clone(),
             limit: Duration::from_secs(self.time_limit_s),
@@ -187,7 +204,7 @@ fn write(out: &Path, name: &str, value: &impl Serialize, html: &Report) -> Resul
 fn score(
     cases: &[Collected],
     out: &Path,
-    program: &Path,
+    programs: String,
     mut warnings: Vec<String>,
 ) -> Result<bool, Error> {
     let builds: BTreeSet<u32> = cases.iter().map(|case| case.run.program_crc32).collect();
@@ -201,10 +218,7 @@ fn score(
     let origin = Origin {
         command: command_line(),
         out: out.display().to_string(),
-        program: match program.display().to_string() {
-            usual if usual == PROGRAM => String::new(),
-            other => other,
-        },
+        programs,
         warnings,
     };
     write(out, "score", &score, &full(&score, &origin))?;
@@ -243,13 +257,13 @@ fn run_and_score(args: &RunArgs) -> Result<bool, Error> {
             "Warning: {stale} cases were run by another build of the program; --again renews them."
         ));
     }
-    let reached = score(&cases, &args.out, &args.tool.diagnose, warnings)?;
+    let reached = score(&cases, &args.out, args.tool.programs(), warnings)?;
     Ok(reached || !args.check)
 }
 
 fn report(args: &ReportArgs) -> Result<bool, Error> {
     let cases = collect_all(&args.out)?;
-    Ok(score(&cases, &args.out, Path::new(PROGRAM), Vec::new())? || !args.check)
+    Ok(score(&cases, &args.out, String::new(), Vec::new())? || !args.check)
 }
 
 fn shuffle(args: &ShuffledArgs) -> Result<bool, Error> {

@@ -14,8 +14,8 @@ pub struct Origin {
     pub command: String,
     /// The folder of the cases; a repeated case is written to a folder beside it.
     pub out: String,
-    /// The measured program; the default one if empty.
-    pub program: String,
+    /// The arguments that name the programs; empty for the usual ones.
+    pub programs: String,
     /// Notes for the reader.
     pub warnings: Vec<String>,
 }
@@ -355,9 +355,7 @@ fn repeat(case: &Scored, origin: &Origin) -> String {
          --again --out {}-again",
         answer.family, origin.out
     );
-    if !origin.program.is_empty() {
-        command += &format!(" --diagnose {}", origin.program);
-    }
+    command += &origin.programs;
     for part in &case.experiment {
         command += &format!(" --experiment {part}");
     }

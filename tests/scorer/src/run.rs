@@ -118,6 +118,8 @@ impl Selection {
 pub struct Tool {
     /// The program.
     pub program: PathBuf,
+    /// The program that simulates fitted rigs.
+    pub simulator: PathBuf,
     /// Arguments of `diagnose` besides the rig, the records and the folder.
     pub arguments: Vec<String>,
     /// Parts of its own experiment, of which it is given one record more to fit, if any.
@@ -289,7 +291,7 @@ impl Folder {
         ];
         let gaps = |records: &[PathBuf]| {
             let rigs = [rigs[0].as_path(), rigs[1].as_path()];
-            gap::measure(&tool.program, rigs, records, &signals, tool.limit)
+            gap::measure(&tool.simulator, rigs, records, &signals, tool.limit)
         };
         let run = Run {
             arguments: tool.arguments.clone(),

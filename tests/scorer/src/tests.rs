@@ -475,7 +475,7 @@ fn the_reports_contain_every_table() {
     let origin = Origin {
         command: "score run".into(),
         out: "out/x".into(),
-        program: "other".into(),
+        programs: " --diagnose other".into(),
         warnings: vec!["Warning: old.".into()],
     };
     let text = summary(&score, &origin).to_text();
