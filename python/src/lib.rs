@@ -1,7 +1,7 @@
 //! The module `hil_sim._native`: what the commands of `hil-sim` compute, from Python.
 //!
-//! Results are the commands' JSON as text, which `hil_sim/__init__.py` makes objects of. Work runs in
-//! a thread of its own, while Python's thread waits for it, looks for Ctrl-C and tells progress.
+//! Results are the commands' JSON as text, which `hil_sim/__init__.py` makes objects of. Work runs
+//! in a thread of its own, while Python's thread waits for it, looks for Ctrl-C and tells progress.
 
 mod input;
 mod work;

@@ -601,8 +601,15 @@ impl Model for MuscleModel {
             .hypot(BASE_N)
             .hypot(BASE_SHARE * weight_n);
         let base_pressure = BASE_NOISES.hypot(BASE_PA / record.noise.pressure_pa);
-        let mut bases = match self.blocks[block] {
-            GAS => vec![base_pressure; record.gas_rows.len()],
+        let mut bases: Vec<f64> = match self.blocks[block] {
+            GAS => record
+                .gas_rows
+                .iter()
+                .map(|row| {
+                    let doubt_pa = record.gas_doubts_pa.get(*row).copied().unwrap_or(0.0);
+                    base_pressure.hypot(doubt_pa / record.noise.pressure_pa)
+                })
+                .collect(),
             FORCE => record
                 .per_force_noise
                 .iter()
@@ -665,7 +672,11 @@ impl MuscleModel {
         let own = own.filter(|(candidate, _)| self.candidates[*candidate].blocks.contains(&block));
         let mut rig = self.fitted(nominal, own);
         match self.blocks[block] {
-            GAS => gas_residuals(record, rig, zeros),
+            GAS => {
+                let known = || record.zeros_of_gas(&self.rig);
+                let zeros = zeros.then(|| &record.zeros.of_gas.get_or_init(known)[..]);
+                gas_residuals(record, rig, zeros.unwrap_or_default())
+            }
             FORCE => {
                 let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
@@ -673,7 +684,7 @@ impl MuscleModel {
                 // What differs from run to run is known with the zeros in it.
                 let zeros = zeros && self.repeatability_n.is_none();
                 let known = || record.zeros_of_force(&self.rig);
-                let zeros = zeros.then(|| record.zeros_of_force.get_or_init(known).clone());
+                let zeros = zeros.then(|| record.zeros.of_force.get_or_init(known).clone());
                 let zeros = zeros.unwrap_or_default();
                 begun_best(&forces, &fading, zeros, |forces| {
                     force_residuals(record, forces)
@@ -683,7 +694,7 @@ impl MuscleModel {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
                 let known = || record.zeros_of_balances(&self.rig, force_read);
-                let zeros = zeros.then(|| record.zeros_of_balances.get_or_init(known).clone());
+                let zeros = zeros.then(|| record.zeros.of_balances.get_or_init(known).clone());
                 let zeros = zeros.unwrap_or_default();
                 let mut residuals = if force_read {
                     without(balances(&measured_n(record, &rig)?)?, &zeros, None)

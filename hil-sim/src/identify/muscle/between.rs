@@ -7,7 +7,7 @@
 //! it may have missed it from the begin of the interval on, or at its end only.
 
 use super::prepared::Prepared;
-use super::residuals::pressures_pa;
+use super::residuals::{gas_pressures_pa, is_far, pressures_pa};
 use crate::identify::inputs::Inputs;
 use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN};
 use crate::rig::Rig;
@@ -39,6 +39,7 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
     }) else {
         return;
     };
+    record.gas_doubts_pa = gas_doubts_pa(record, rig).unwrap_or_default();
     let rows = about_rows(record.measured.time_s(), &intervals);
     record.between_pa = rows.iter().map(|row| row.bow_pa).collect();
     let Load::Weight(weight) = rig.nominal.load else {
@@ -58,6 +59,46 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
         });
     let doubted = doubted.collect();
     record.places = doubted;
+}
+
+/// How far the gas may be off for what the contraction does between its rows, row by row \[Pa\]:
+/// what leaving out every second row changes, by the power of two by which rows at half the
+/// distance leave less (Richardson).
+pub(super) fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
+    let gas = record.gas.as_ref()?;
+    let (time_s, contraction) = (gas.time_s(), gas.column(CONTRACTION)?);
+    let whole_pa = gas_pressures_pa(record, rig.clone(), gas, 0.0)?;
+    let mut squares = vec![0.0; time_s.len()];
+    for first in 0..2 {
+        let kept: Vec<usize> = (first..time_s.len()).step_by(2).collect();
+        let of = |values: &[f64]| kept.iter().map(|row| values[*row]).collect::<Vec<f64>>();
+        let (kept_s, known) = (of(time_s), of(contraction));
+        let mut halved = contraction.to_vec();
+        for (place, pair) in kept.windows(2).enumerate() {
+            let row = pair[0] + 1;
+            let share = (time_s[row] - kept_s[place]) / (kept_s[place + 1] - kept_s[place]);
+            halved[row] = match is_far(time_s[row] - time_s[row - 1]) {
+                true => cubic(&kept_s, &known, place, share),
+                false => known[place] + share * (known[place + 1] - known[place]),
+            };
+        }
+        let mut other = gas.clone();
+        other.set(CONTRACTION, halved);
+        let halved_pa = gas_pressures_pa(record, rig.clone(), &other, 0.0)?;
+        for (row, square) in squares.iter_mut().enumerate() {
+            let length_s = time_s[row.max(1)] - time_s[row.max(1) - 1];
+            let order = if is_far(length_s) { 4 } else { 2 };
+            let less = f64::from(2_i32.pow(order) - 1);
+            *square += 0.5 * ((halved_pa[row] - whole_pa[row]) / less).powi(2);
+        }
+    }
+    // It goes through zero between two places of doubt.
+    let about = |row: usize| {
+        let rows = row.saturating_sub(2)..(row + 3).min(squares.len());
+        let count = rows.len() as f64;
+        (squares[rows].iter().sum::<f64>() / count).sqrt()
+    };
+    Some((0..squares.len()).map(about).collect())
 }
 
 /// The mean of both intervals beside each row.
@@ -82,49 +123,15 @@ fn about_rows(time_s: &[f64], intervals: &[Between]) -> Vec<Between> {
 
 /// The simulated pressure in each interval between rows, from readings with a noise of `noise_pa`.
 fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
-    let time_s = gas.time_s();
-    let parts: Vec<usize> = time_s
-        .windows(2)
-        .map(|pair| 2 * ((pair[1] - pair[0]) / (2.0 * HALF_PART_S)).ceil().max(1.0) as usize)
-        .map(|parts| if parts > PARTS_MAX { 1 } else { parts })
-        .collect();
-    let contraction = gas.column(CONTRACTION)?;
-    let mut fine_s = Vec::new();
-    let mut origin = Vec::new();
-    let mut fine_contraction = Vec::new();
-    for (row, parts) in parts.iter().enumerate() {
-        let length_s = time_s[row + 1] - time_s[row];
-        for part in 0..*parts {
-            let share = part as f64 / *parts as f64;
-            fine_s.push(time_s[row] + share * length_s);
-            origin.push((row, part == 0));
-            fine_contraction.push(cubic(time_s, contraction, row, share));
-        }
-    }
-    let last = time_s.len() - 1;
-    fine_s.push(time_s[last]);
-    origin.push((last, true));
-    fine_contraction.push(contraction[last]);
+    let parts = parts(gas.time_s(), |length_s| {
+        2 * (length_s / (2.0 * HALF_PART_S)).ceil().max(1.0) as usize
+    });
+    let (fine, _) = finer(gas, &parts)?;
     let read_pa = gas.column(PRESSURE_PA)?;
-    let at_rows = |values: &[f64]| -> Vec<f64> {
-        let value = |(row, is_row): &(usize, bool)| if *is_row { values[*row] } else { f64::NAN };
-        origin.iter().map(value).collect()
-    };
-    let held = |values: &[f64]| origin.iter().map(|(row, _)| values[*row]).collect();
-    let mut fine = Record::new(fine_s);
-    fine.set(CONTRACTION, fine_contraction);
-    fine.set(PRESSURE_PA, at_rows(read_pa));
-    fine.set(PRESSURE_REF_PA, held(gas.column(PRESSURE_REF_PA)?));
-    if let Some(supply_pa) = gas.column(SUPPLY_PA) {
-        fine.set(SUPPLY_PA, at_rows(supply_pa));
-    }
-    if let Some(open) = gas.column(VALVE_OPEN) {
-        fine.set(VALVE_OPEN, held(open));
-    }
     let mut rig = rig.clone();
     rig.nominal.load = Load::Prescribed;
     let inputs = Inputs::new(&rig, &fine).ok()?;
-    let simulated_pa = pressures_pa(&rig, inputs, &fine, Some(fine.column(PRESSURE_PA)?))?;
+    let simulated_pa = pressures_pa(&rig, inputs, &fine, Some(fine.column(PRESSURE_PA)?), 0.0)?;
     let mut first = 0;
     let bow = |(row, parts): (usize, &usize)| {
         let begin_pa = if read_pa[row].is_nan() {
@@ -147,6 +154,52 @@ fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
         }
     };
     Some(parts.iter().enumerate().map(bow).collect())
+}
+
+/// Into how many parts each interval is cut: `of` its length, and one if it is a gap.
+pub(super) fn parts(time_s: &[f64], of: impl Fn(f64) -> usize) -> Vec<usize> {
+    let parts = time_s.windows(2).map(|pair| of(pair[1] - pair[0]));
+    let cut = |parts| if parts > PARTS_MAX { 1 } else { parts };
+    parts.map(cut).collect()
+}
+
+/// `gas` with each interval in so many parts: the contraction by cubics, the reference and the cock
+/// held, pressures in its rows only. Beside it whether each of its rows is one of `gas`.
+pub(super) fn finer(gas: &Record, parts: &[usize]) -> Option<(Record, Vec<bool>)> {
+    let time_s = gas.time_s();
+    let contraction = gas.column(CONTRACTION)?;
+    let mut fine_s = Vec::new();
+    let mut origin = Vec::new();
+    let mut fine_contraction = Vec::new();
+    for (row, parts) in parts.iter().enumerate() {
+        let length_s = time_s[row + 1] - time_s[row];
+        for part in 0..*parts {
+            let share = part as f64 / *parts as f64;
+            fine_s.push(time_s[row] + share * length_s);
+            origin.push((row, part == 0));
+            fine_contraction.push(cubic(time_s, contraction, row, share));
+        }
+    }
+    let last = time_s.len() - 1;
+    fine_s.push(time_s[last]);
+    origin.push((last, true));
+    fine_contraction.push(contraction[last]);
+    let at_rows = |values: &[f64]| -> Vec<f64> {
+        let value = |(row, is_row): &(usize, bool)| if *is_row { values[*row] } else { f64::NAN };
+        origin.iter().map(value).collect()
+    };
+    let held = |values: &[f64]| origin.iter().map(|(row, _)| values[*row]).collect();
+    let mut fine = Record::new(fine_s);
+    fine.set(CONTRACTION, fine_contraction);
+    fine.set(PRESSURE_PA, at_rows(gas.column(PRESSURE_PA)?));
+    fine.set(PRESSURE_REF_PA, held(gas.column(PRESSURE_REF_PA)?));
+    if let Some(supply_pa) = gas.column(SUPPLY_PA) {
+        fine.set(SUPPLY_PA, at_rows(supply_pa));
+    }
+    if let Some(open) = gas.column(VALVE_OPEN) {
+        fine.set(VALVE_OPEN, held(open));
+    }
+    Some((fine, origin.into_iter().map(|(_, is_row)| is_row).collect()))
 }
 
 /// The mean of `value` over so many parts, by Simpson's rule over pairs of them; of a straight line

@@ -187,13 +187,22 @@ pub(super) struct Prepared {
     /// Of each row: by how much the mean pressure about it is above that of straight lines between
     /// the rows \[Pa\]; empty where that is not known.
     pub(super) between_pa: Vec<f64>,
+    /// Of each row: how far the gas may be off for what the contraction does between the rows
+    /// \[Pa\]; empty where that is not known.
+    pub(super) gas_doubts_pa: Vec<f64>,
     /// Its effects are settled as it begins.
     pub(super) settled: bool,
-    /// How zeros change residuals of the force, and of the load's balance: once they are asked for.
-    pub(super) zeros_of_force: OnceLock<Vec<Vec<f64>>>,
-    pub(super) zeros_of_balances: OnceLock<Vec<Vec<f64>>>,
+    pub(super) zeros: Zeros,
     /// What is doubtful about it.
     pub(super) warnings: Vec<String>,
+}
+
+/// How what a record has of its own changes residuals, each once it is asked for.
+#[derive(Default)]
+pub(super) struct Zeros {
+    pub(super) of_gas: OnceLock<Vec<Vec<f64>>>,
+    pub(super) of_force: OnceLock<Vec<Vec<f64>>>,
+    pub(super) of_balances: OnceLock<Vec<Vec<f64>>>,
 }
 
 /// When a weight lands on its stop with a speed.
@@ -335,9 +344,9 @@ impl Prepared {
             force_span: Span::of(checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
             between_pa: Vec::new(),
+            gas_doubts_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
-            zeros_of_force: OnceLock::new(),
-            zeros_of_balances: OnceLock::new(),
+            zeros: Zeros::default(),
             warnings,
         };
         prepared.motion(record, contraction);
