@@ -21,6 +21,10 @@ const PARTS_MAX: usize = 20;
 /// So many standard deviations of a reading's noise are no miss.
 const MISS_NOISES: f64 = 3.0;
 
+/// Rows at half the distance leave a quarter: where a motion begins its curvature jumps, and
+/// neither a straight line nor a cubic follows that. What changes is three times what is left.
+const LESS: f64 = 3.0;
+
 /// What is known of the pressure between rows, in each interval or about each row.
 #[derive(Clone, Copy, Default)]
 struct Between {
@@ -39,7 +43,16 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
     }) else {
         return;
     };
-    record.gas_doubts_pa = gas_doubts_pa(record, rig).unwrap_or_default();
+    if let Some(doubts_pa) = gas_doubts_pa(record, rig) {
+        // Of rows far apart: there the contraction is not known well enough to tell anything.
+        let time_s = record.measured.time_s();
+        let is_far = |row: usize| row > 0 && is_far(time_s[row] - time_s[row - 1]);
+        let noise_pa = record.noise.pressure_pa;
+        record
+            .gas_rows
+            .retain(|row| !is_far(*row) || doubts_pa[*row] <= noise_pa);
+        record.gas_doubts_pa = doubts_pa;
+    }
     let rows = about_rows(record.measured.time_s(), &intervals);
     record.between_pa = rows.iter().map(|row| row.bow_pa).collect();
     let Load::Weight(weight) = rig.nominal.load else {
@@ -62,8 +75,8 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
 }
 
 /// How far the gas may be off for what the contraction does between its rows, row by row \[Pa\]:
-/// what leaving out every second row changes, by the power of two by which rows at half the
-/// distance leave less (Richardson).
+/// what leaving out every second row changes, by what rows at half the distance leave less of it
+/// (Richardson).
 pub(super) fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
     let gas = record.gas.as_ref()?;
     let (time_s, contraction) = (gas.time_s(), gas.column(CONTRACTION)?);
@@ -85,11 +98,8 @@ pub(super) fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
         let mut other = gas.clone();
         other.set(CONTRACTION, halved);
         let halved_pa = gas_pressures_pa(record, rig.clone(), &other, 0.0)?;
-        for (row, square) in squares.iter_mut().enumerate() {
-            let length_s = time_s[row.max(1)] - time_s[row.max(1) - 1];
-            let order = if is_far(length_s) { 4 } else { 2 };
-            let less = f64::from(2_i32.pow(order) - 1);
-            *square += 0.5 * ((halved_pa[row] - whole_pa[row]) / less).powi(2);
+        for (square, (halved, whole)) in squares.iter_mut().zip(halved_pa.iter().zip(&whole_pa)) {
+            *square += 0.5 * ((halved - whole) / LESS).powi(2);
         }
     }
     // It goes through zero between two places of doubt.
