@@ -36,6 +36,17 @@ fn bad(error: &BadInput) -> PyErr {
     BadInputError::new_err(error.to_string())
 }
 
+/// Refuses a number outside the range that the command line takes.
+fn within(name: &str, value: f64, min: f64, max: f64) -> Result<(), BadInput> {
+    match (min..=max).contains(&value) {
+        true => Ok(()),
+        false => Err(BadInput::file(
+            name,
+            format!("a number from {min} to {max}, found {value}"),
+        )),
+    }
+}
+
 /// As the commands print it.
 fn json(summary: &impl Serialize) -> String {
     // Plain structs of numbers and strings are always valid JSON.
@@ -63,6 +74,7 @@ fn simulated(
 ) -> PyResult<(String, Columns)> {
     let tolerance = tolerance.unwrap_or(TOLERANCE);
     work::run(py, None, move |watch| {
+        within("tolerance", tolerance, 1e-12, 1e-2)?;
         let rig = rig.read(accept)?;
         let drive = drive.checked(&rig, accept)?.record;
         let step = || watch(Step::Stage("simulating", 0));
@@ -73,7 +85,7 @@ fn simulated(
 }
 
 /// What `hil-sim diagnose` writes: diagnosis.json, rig.fitted.toml, report.html; and each
-/// validation record as simulated with the nominal and with the fitted rig.
+/// validation record as measured, and as simulated with the nominal and with the fitted rig.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 fn diagnosed(
@@ -87,16 +99,16 @@ fn diagnosed(
     exact: bool,
     accept: bool,
     progress: Option<Py<PyAny>>,
-) -> PyResult<(String, String, String, Vec<[Columns; 2]>)> {
+) -> PyResult<(String, String, String, Vec<[Columns; 3]>)> {
     work::run(py, progress, move |watch| {
         let catalogue = Catalogue::standard();
         let known: Vec<_> = catalogue.kinds().map(|kind| kind.name).collect();
         if let Some(unknown) = without.iter().find(|name| !known.contains(&name.as_str())) {
-            return Err(BadInput::file(
-                "without",
-                format!("expected {}", one_of(&known, unknown)),
-            ));
+            return Err(BadInput::file("without", one_of(&known, unknown)));
         }
+        within("cost_wrong_name", costs.0, f64::MIN_POSITIVE, f64::MAX)?;
+        within("cost_missing_name", costs.1, f64::MIN_POSITIVE, f64::MAX)?;
+        within("threads", threads.unwrap_or(1) as f64, 1.0, 1000.0)?;
         let options = Options {
             without,
             costs: Costs {
@@ -135,8 +147,9 @@ fn diagnosed(
         let shown = ("Validation record", &validate[..], &found.free_runs[..]);
         let of = &found.diagnosis;
         let report = report(of, &found.fitted.catalogue, shown, Some(&rig_toml));
-        let runs = found.free_runs.iter();
-        let runs = runs.map(|runs| runs.each_ref().map(columns_of));
+        let runs = validate.iter().zip(&found.free_runs);
+        let runs =
+            runs.map(|(measured, [nominal, fitted])| [measured, nominal, fitted].map(columns_of));
         Ok((json(of), rig_toml, report.to_html(), runs.collect()))
     })
 }
@@ -194,7 +207,16 @@ fn experiment(
     };
     let parts: Vec<Part> = parts.iter().map(named).collect::<PyResult<_>>()?;
     let contraction_max = contraction_max.unwrap_or(CONTRACTION_MAX);
-    let limits = rig.read(accept);
+    let limits = within("contraction_max", contraction_max, 0.01, 0.9)
+        .and_then(|()| {
+            within(
+                "rate_pa_per_s_max",
+                rate_pa_per_s_max.unwrap_or(1e8),
+                100.0,
+                1e8,
+            )
+        })
+        .and_then(|()| rig.read(accept));
     let limits = limits.and_then(|rig| Limits::of(&rig, contraction_max));
     let mut limits = limits.map_err(|error| bad(&error))?;
     limits.rate_pa_per_s_max = rate_pa_per_s_max;

@@ -35,6 +35,7 @@ pub fn diagnose_files(
     let date = utc(written_at()?);
     let (rig, name, text) = files.rig;
     check_tolerances(rig, name, files.exact)?;
+    check_apart(&files.hashes)?;
     let [fit, validate] = files.records;
     let mut diagnosed = diagnose(rig, fit, validate, options, watch)?;
     let warnings = &mut diagnosed.diagnosis.warnings;
@@ -77,6 +78,23 @@ fn untold(path: &str) -> String {
          {path}` prints those of uncalibrated values, to paste at its end), or --exact if all are \
          exact"
     )
+}
+
+/// Checks that there is a record to fit and one to predict, and that these differ.
+fn check_apart([fit, validate]: &[Vec<FileHash>; 2]) -> Result<(), BadInput> {
+    for (records, used_to) in [(fit, "fit"), (validate, "validate")] {
+        if records.is_empty() {
+            return Err(BadInput::file(used_to, "at least one record, found none"));
+        }
+    }
+    let is_fitted = |own: &&FileHash| fit.iter().any(|other| other.sha256 == own.sha256);
+    match validate.iter().find(is_fitted) {
+        Some(own) => Err(BadInput::file(
+            own.file.clone(),
+            "a record that is not fitted too",
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Checks that a rig tells how well its values are known, or is said to be exact.

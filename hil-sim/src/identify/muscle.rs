@@ -9,6 +9,7 @@
 mod along;
 mod begin;
 mod between;
+mod finer;
 mod force;
 mod kernel;
 mod play;

@@ -90,6 +90,21 @@ class _Record:
     columns: list[tuple[str, bytes]] | None
 
 
+# The columns that are read (docs/records.md).
+_NUMBERS = {
+    "time_s",
+    "pressure_ref_pa",
+    "pressure_pa",
+    "contraction",
+    "force_n",
+    "finger_m",
+    "input_force_n",
+    "supply_pa",
+    "temperature_k",
+    "valve_open",
+}
+
+
 def _record(record: Record, place: str) -> _Record:
     if isinstance(record, (str, os.PathLike)):
         return _Record(os.fspath(record), None)
@@ -99,11 +114,15 @@ def _record(record: Record, place: str) -> _Record:
         values = record[name]
         if not isinstance(name, str):
             raise TypeError(f"{place}: expected columns with names, found {name!r}")
-        try:
-            values = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            # Words, as a recorded mode: no simulation reads them.
-            continue
+        if name not in _NUMBERS:
+            # Words, as a recorded mode: nothing reads them. What resembles a known name is told below.
+            values = np.full(np.shape(values)[0], np.nan)
+        else:
+            try:
+                values = values.to_numpy(np.float64, na_value=np.nan) if isinstance(values, pd.Series) else values
+                values = np.asarray(values, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise BadInputError(f"{place}: column `{name}`: expected numbers, {error}") from None
         if values.ndim != 1:
             raise BadInputError(f"{place}: column `{name}`: expected one dimension, found {values.ndim}")
         columns.append((name, values.tobytes()))
@@ -347,7 +366,6 @@ def diagnose(
     ``exact`` takes a rig without tolerances as exact. ``progress`` is called as the work goes on, from this
     thread. Ctrl-C ends it.
     """
-    fit, validate = list(fit), list(validate)
     text, rig_toml, report_html, runs = _native.diagnosed(
         _rig(rig),
         [_record(record, f"fit[{place}]") for place, record in enumerate(fit)],
@@ -360,9 +378,7 @@ def diagnose(
         progress,
     )
     found = _json.loads(text)
-    validation = tuple(
-        (_read(record), _frame(nominal), _frame(fitted)) for record, (nominal, fitted) in zip(validate, runs)
-    )
+    validation = tuple(tuple(_frame(run) for run in of_record) for of_record in runs)
     return Diagnosis(
         verdict=found["verdict"],
         effects=tuple(_effect(own) for own in found["effects"]),

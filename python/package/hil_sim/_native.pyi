@@ -21,7 +21,7 @@ def diagnosed(
     exact: bool,
     accept: bool,
     progress: Callable[[str, int, list[str]], None] | None,
-) -> tuple[str, str, str, list[tuple[_Columns, _Columns]]]: ...
+) -> tuple[str, str, str, list[tuple[_Columns, _Columns, _Columns]]]: ...
 def design(
     rig: Any | None,
     pressure_pa_min: float | None,

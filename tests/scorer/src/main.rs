@@ -38,7 +38,7 @@ Examples:
   score run --seed 1 --count 10 --check          a small subset, for CI
   score run --kind none --count 100              one kind, for a sharp figure
   score run --effect leak --count 9 -- --threads 1
-  score run --diagnose my-method --simulate target/release/hil-sim --count 20
+  score run --diagnose ./my-method --simulate target/release/hil-sim --count 20
   score report                                   the cases already run, scored again
   score shuffled                                 what chance would reach
   score without leak creep --count 3             effects taken out of the catalogue

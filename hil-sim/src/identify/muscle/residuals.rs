@@ -2,7 +2,7 @@
 
 use super::along::Along;
 use super::begin::without;
-use super::between::{finer, parts};
+use super::finer::{finer, parts};
 use super::force::{ForceRange, Forces};
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};

@@ -37,6 +37,8 @@ const ATMOSPHERE_SHARE: f64 = 0.25;
 /// A force is opposite to that of the rig if it is more than a third of it: friction and the stop
 /// take less.
 const OPPOSITE: f64 = 3.0;
+/// Muscles that one can buy are shorter \[m\].
+const MUSCLE_M_MAX: f64 = 2.0;
 /// Contractions that are metres differ from what the force law needs by the muscle's length within
 /// this factor.
 const LIKE_LENGTH: f64 = 1.4;
@@ -612,7 +614,9 @@ impl<'a> Evidence<'a> {
             false => self.correlation(PRESSURE_REF_PA, CONTRACTION),
         };
         let length_m = self.law.as_ref().map(|law| law.length_m);
-        if low > 0.0 && high - low > CONTRACTION_USED * high && falls < -FOLLOWS {
+        // In cm and mm it is beyond any contraction.
+        let is_length = low > 0.0 && high < MUSCLE_M_MAX;
+        if is_length && high - low > CONTRACTION_USED * high && falls < -FOLLOWS {
             let expected = format!(
                 "contractions, which grow with the pressure, found {found} (correlation \
                  {falls:.2})"
