@@ -96,7 +96,7 @@ pub struct Device<C = Controller> {
     found: Option<StartFault>,
     /// The fault that was latched before hardware in the loop: that must not reset it, which takes
     /// a request, and the enabling device if there is one.
-    latched: Voted<Option<Fault>>,
+    latched: Option<Fault>,
     tick: u32,
     /// The last tick's output.
     output: Output,
@@ -121,7 +121,7 @@ impl<C: Control> Device<C> {
             confirmation: Confirmation::default(),
             start: Voted::new(None),
             found: None,
-            latched: Voted::new(None),
+            latched: None,
             tick: 0,
             output: Output::default(),
         }
@@ -283,16 +283,14 @@ impl<C: Control> Device<C> {
     fn enter_hil(&mut self, hil: &mut Option<Hil>) {
         if hil.is_none() && !self.is_armed() {
             *hil = Some(Hil::default());
-            let latched = self.controller.memory().state.get().fault;
-            self.latched.set(latched);
+            self.latched = self.controller.memory().state.get().fault;
             self.restart(None);
         }
     }
 
     fn leave_hil(&mut self, hil: &mut Option<Hil>) {
         if hil.take().is_some() {
-            // Where nothing is known there was one.
-            let latched = *self.latched.recall().0.unwrap_or(&Some(Fault::Memory));
+            let latched = self.latched.take();
             self.restart(latched);
         }
     }
