@@ -199,8 +199,8 @@ fn experiment(
     accept: bool,
 ) -> PyResult<(String, Columns)> {
     let named = |name: &String| {
-        let all = Part::ALL.iter().find(|part| part.name() == *name);
-        let known: Vec<String> = Part::ALL.iter().map(|part| part.name()).collect();
+        let all = Part::all().iter().find(|part| part.name() == *name);
+        let known: Vec<String> = Part::all().iter().map(|part| part.name()).collect();
         let known: Vec<&str> = known.iter().map(String::as_str).collect();
         all.copied()
             .ok_or_else(|| bad(&BadInput::file("parts", one_of(&known, name))))

@@ -58,14 +58,9 @@ impl Part {
     }
 
     /// All parts.
-    pub const ALL: [Part; 6] = [
-        Part::Zero,
-        Part::Triangles,
-        Part::Holds,
-        Part::ShutHolds,
-        Part::Multisine,
-        Part::Sweep,
-    ];
+    pub fn all() -> &'static [Part] {
+        clap::ValueEnum::value_variants()
+    }
 
     /// The parts that need no shut-off valve.
     pub const DEFAULT: [Part; 5] = [

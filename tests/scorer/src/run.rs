@@ -9,7 +9,6 @@ use crate::child::{self, Ended};
 use crate::diagnosis::Diagnosis;
 use crate::gap::{self, Gaps};
 use crate::shared::forms;
-use clap::ValueEnum;
 use hil_sim::bench::test_signal::{CONTRACTION_MAX, Limits, Part, RATE_HZ, test_signal};
 use hil_sim::error::BadInput;
 use hil_sim::output::{NotWritten, write_atomically};
@@ -200,8 +199,7 @@ fn write_records(folder: &Path, name: &str, texts: &[String]) -> Result<Vec<Path
 
 /// Parts of an experiment as on the command line.
 fn part_names(parts: &[Part]) -> Vec<String> {
-    let values = parts.iter().filter_map(Part::to_possible_value);
-    values.map(|value| value.get_name().to_owned()).collect()
+    parts.iter().map(|part| part.name()).collect()
 }
 
 /// The tool's own experiment for the rig that it is given.

@@ -84,7 +84,7 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
 /// How far the gas may be off for what the contraction does between its rows, row by row \[Pa\]:
 /// what leaving out every second row changes, by what rows at half the distance leave less of it
 /// (Richardson).
-pub(super) fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
+fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
     let gas = record.gas.as_ref()?;
     let (time_s, contraction) = (gas.time_s(), gas.column(CONTRACTION)?);
     let whole_pa = gas_pressures_pa(record, rig.clone(), gas, 0.0)?;
