@@ -12,6 +12,7 @@ pub mod faults;
 pub mod identify;
 pub mod input;
 pub mod output;
+pub mod own_effect;
 pub mod paper;
 mod plausible;
 pub mod record;

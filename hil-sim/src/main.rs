@@ -10,7 +10,6 @@ use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use cmd::Failure;
-use muscle_plant::effects::Catalogue;
 use std::io::IsTerminal;
 use std::process::ExitCode;
 
@@ -218,7 +217,7 @@ fn main() -> ExitCode {
         Some(Command::Compare(args)) => cmd::compare::run(&args),
         Some(Command::Compensate(args)) => cmd::compensate::run(&args),
         Some(Command::Settings(args)) => cmd::settings::run(&args),
-        Some(Command::Effects(args)) => cmd::effects::run(&args, &Catalogue::standard()),
+        Some(Command::Effects(args)) => cmd::effects::run(&args),
         Some(Command::Rig(args)) => cmd::rig::run(&args),
         Some(Command::Completions(args)) => cmd::completions::run::<Cli>(&args),
     };

@@ -907,7 +907,7 @@ type Small = (&'static str, fn() -> Vec<u8>, &'static str);
 
 const STRINGS: &str = "xl/sharedStrings.xml";
 
-const SMALL: [Small; 8] = [
+const SMALL: [Small; 9] = [
     (
         "spaces.xlsx",
         || with_part(STRINGS, std::io::repeat(b' ').take(60_000_000)),
@@ -920,6 +920,15 @@ const SMALL: [Small; 8] = [
             let rows = (1..100_000).map(|number| row.replace("ROW", &number.to_string()));
             let rows: String = rows.collect();
             let sheet = format!("<worksheet><sheetData>{rows}</sheetData></worksheet>");
+            with_part("xl/worksheets/sheet2.xml", Cursor::new(sheet))
+        },
+        "cells of at most",
+    ),
+    (
+        "below.xlsx",
+        || {
+            let row = "<row r=\"1\"><c r=\"A274682349\"><v>1</v></c></row>";
+            let sheet = format!("<worksheet><sheetData>{row}</sheetData></worksheet>");
             with_part("xl/worksheets/sheet2.xml", Cursor::new(sheet))
         },
         "cells of at most",

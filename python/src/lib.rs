@@ -101,8 +101,8 @@ fn diagnosed(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(String, String, String, Vec<[Columns; 3]>)> {
     work::run(py, progress, move |watch| {
-        let catalogue = Catalogue::standard();
-        let known: Vec<_> = catalogue.kinds().map(|kind| kind.name).collect();
+        let parsed = rig.read(accept)?;
+        let known: Vec<_> = parsed.catalogue.kinds().map(|kind| kind.name).collect();
         if let Some(unknown) = without.iter().find(|name| !known.contains(&name.as_str())) {
             return Err(BadInput::file("without", one_of(&known, unknown)));
         }
@@ -116,7 +116,6 @@ fn diagnosed(
                 missing_name: costs.1,
             },
         };
-        let parsed = rig.read(accept)?;
         let read = |records: Vec<GivenRecord>| -> Result<(Vec<Record>, Vec<_>), BadInput> {
             let taken = records
                 .into_iter()

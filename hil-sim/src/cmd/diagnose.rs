@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, requires = "rig")]
     exact: bool,
     /// Remove an effect from the catalogue; may be given more than once
-    #[arg(long, value_name = "NAME", value_parser = effect)]
+    #[arg(long, value_name = "NAME")]
     without: Vec<String>,
     /// What it costs to name an effect that is not there, in units of the next option
     #[arg(long, value_name = "COST", value_parser = cost,
@@ -75,13 +75,16 @@ fn cost(text: &str) -> Result<f64, String> {
     }
 }
 
-fn effect(name: &str) -> Result<String, String> {
-    let kinds = Catalogue::standard().kinds();
-    let known: Vec<_> = kinds.map(|kind| kind.name).collect();
-    if known.contains(&name) {
-        return Ok(name.into());
-    }
-    Err(format!("expected {}", one_of(&known, name)))
+/// Checks that the effects to do without are in `catalogue`.
+fn check_without(args: &Args, catalogue: &Catalogue) -> Result<(), BadInput> {
+    let known: Vec<_> = catalogue.kinds().map(|kind| kind.name).collect();
+    let unknown = args
+        .without
+        .iter()
+        .find(|name| !known.contains(&name.as_str()));
+    unknown.map_or(Ok(()), |name| {
+        Err(BadInput::file("--without", one_of(&known, name)))
+    })
 }
 
 /// The records at `paths`, and what the fitted rig says of their files.
@@ -187,6 +190,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn of_chamber(args: &Args) -> Result<(), Failure> {
+    let catalogue = Catalogue::standard();
+    check_without(args, &catalogue)?;
     let (fit, _) = read(&args.fit, None)?;
     let (validate, _) = read(&args.validate, None)?;
     let (diagnosis, free_runs) = watched(args, |watch| {
@@ -197,7 +202,6 @@ fn of_chamber(args: &Args) -> Result<(), Failure> {
     } else {
         (VALIDATION, &validate[..])
     };
-    let catalogue = Catalogue::standard();
     let shown = (name, records, &free_runs[..]);
     write(args, &diagnosis, &catalogue, shown, None)?;
     super::note_left_out(fit.iter().chain(&validate));
@@ -209,6 +213,7 @@ fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
     let name = path.display().to_string();
     let rig = Rig::parse(&name, &text)?;
     super::accepted(rig.check_units())?;
+    check_without(args, &rig.catalogue)?;
     let (fit, fit_files) = read(&args.fit, Some(&rig))?;
     let (validate, validate_files) = read(&args.validate, Some(&rig))?;
     let files = Files {

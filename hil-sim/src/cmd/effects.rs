@@ -29,6 +29,7 @@ Examples:
   hil-sim effects
   hil-sim effects leak
   hil-sim effects leak --report leak.html
+  hil-sim effects --rig rig.toml
   hil-sim effects --json"))]
 pub struct Args {
     /// The effect to show; all are listed if omitted
@@ -37,6 +38,9 @@ pub struct Args {
     /// A report to write, with plots of the effect's signature on the paper's rig
     #[arg(long, value_name = "REPORT.html", requires = "name")]
     report: Option<PathBuf>,
+    /// A rig file, whose own effects are listed too
+    #[arg(long, value_name = "RIG.toml", conflicts_with = "markdown")]
+    rig: Option<PathBuf>,
     /// Print what the effects declare as JSON instead of text
     #[arg(long)]
     json: bool,
@@ -58,8 +62,12 @@ Equations 1 to 9: [theory](theory.md).
     symbols!()
 );
 
-/// Runs the command with the effects of `catalogue`.
-pub fn run(args: &Args, catalogue: &Catalogue) -> Result<(), Failure> {
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let catalogue = match &args.rig {
+        Some(path) => super::read_rig(path)?.catalogue,
+        None => Catalogue::standard(),
+    };
     let Some(name) = &args.name else {
         let kinds: Vec<_> = catalogue.kinds().map(KindSummary::new).collect();
         if args.json {

@@ -1,6 +1,7 @@
 //! Writing a rig file: changes keep comments and everything that stays the same.
 
 use super::Rig;
+use super::read::OWN_FILES;
 use muscle_plant::effects::Effect;
 
 impl Rig {
@@ -38,7 +39,9 @@ impl Rig {
                 document.remove("effect");
             }
         }
-        let mut text = document.to_string();
+        // The files may not be beside what is written.
+        document.remove(OWN_FILES);
+        let mut text = document.to_string() + &self.own_effects;
         for effect in self.effects.iter().skip(written) {
             if !text.ends_with("\n\n") {
                 text += if text.ends_with('\n') { "\n" } else { "\n\n" };

@@ -40,8 +40,10 @@ pub struct Rig {
     pub nominal: Nominal,
     /// Lever and assist law: Eqs 6 and 7.
     pub assist: Option<Assist<f64>>,
-    /// The effects that the file may name.
+    /// The effects that the file may name: the standard ones and its own.
     pub catalogue: Catalogue,
+    /// What the files beside it declare, as TOML.
+    own_effects: String,
     /// Relative standard deviations of the nominal values; a value without one is exact.
     pub tolerances: Vec<Tolerance>,
     /// Effects in addition to the nominal model.

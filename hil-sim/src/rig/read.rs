@@ -4,6 +4,8 @@ use super::keys::{self, Key};
 use super::units::likely_unit;
 use super::{Provenance, Rig, Tolerance};
 use crate::error::{BadInput, did_you_mean, one_of, shown};
+use crate::input::read_text;
+use crate::own_effect;
 use crate::record::TIME_S;
 use model_core::assist::Assist;
 use model_core::muscle::{Muscle, Volume};
@@ -11,6 +13,7 @@ use model_core::pressure::{AbsolutePa, GaugePa};
 use muscle_plant::effects::{Catalogue, Effect};
 use muscle_plant::nominal::{Gas, Load, Nominal, Valve, Weight};
 use std::ops::Range;
+use std::path::Path;
 use toml_edit::{Document, Item, TableLike, Value};
 
 /// Version of the file format.
@@ -18,6 +21,9 @@ const SCHEMA: i64 = 1;
 
 /// The value of a number that has not been read yet.
 const UNREAD: f64 = f64::NAN;
+
+/// The key of the files beside the rig that declare effects.
+pub(super) const OWN_FILES: &str = "own_effect_files";
 
 /// Reads a rig from the text of the file `name`, with the effects of `catalogue`.
 pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, BadInput> {
@@ -45,11 +51,13 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
             },
         }
     })?;
-    let file = File {
+    let mut file = File {
         name,
         text,
         catalogue,
+        own_effects: String::new(),
     };
+    (file.catalogue, file.own_effects) = file.with_own_effects(document.as_table())?;
     file.rig(document.as_table())
 }
 
@@ -81,6 +89,8 @@ struct File<'a> {
     name: &'a str,
     text: &'a str,
     catalogue: Catalogue,
+    /// The text of the files beside it that declare effects.
+    own_effects: String,
 }
 
 /// One table of the file and its position.
@@ -93,6 +103,16 @@ struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
+    /// The file as a whole.
+    fn root(file: &'a File, table: &'a dyn TableLike) -> Section<'a> {
+        Section {
+            file,
+            name: String::new(),
+            table,
+            line: None,
+        }
+    }
+
     /// `key` with its section, as messages name it.
     fn key(&self, key: &str) -> String {
         match self.name.as_str() {
@@ -217,19 +237,47 @@ fn kind_of(item: &Item) -> &'static str {
 }
 
 impl<'a> File<'a> {
+    /// The catalogue with the effects that are declared in the file and in those beside it, and
+    /// the text of the latter.
+    fn with_own_effects(&self, table: &dyn TableLike) -> Result<(Catalogue, String), BadInput> {
+        let (mut catalogue, mut texts) = (self.catalogue.clone(), String::new());
+        if let Some(item) = table.get(OWN_FILES) {
+            let expected = "an array of file names beside the rig, as [\"pulley.toml\"]";
+            let bad = || Section::root(self, table).bad(OWN_FILES, expected);
+            let folder = Path::new(self.name).parent().unwrap_or(Path::new(""));
+            for name in item.as_array().ok_or_else(bad)? {
+                let path = folder.join(name.as_str().ok_or_else(bad)?);
+                let text = read_text(&path, "a readable TOML file of effects")?;
+                let declared = own_effect::from_toml(&path.display().to_string(), &text)?;
+                if declared.is_empty() {
+                    let expected = "tables `[own_effect.NAME]`, found none";
+                    return Err(BadInput::file(path.display().to_string(), expected));
+                }
+                catalogue = declared.into_iter().fold(catalogue, Catalogue::with);
+                texts += &format!("\n{}\n", text.trim());
+            }
+        }
+        if table.contains_key(own_effect::KEY) {
+            let declared = own_effect::from_toml(self.name, self.text)?;
+            catalogue = declared.into_iter().fold(catalogue, Catalogue::with);
+        }
+        Ok((catalogue, texts))
+    }
+
     fn rig(&'a self, table: &'a dyn TableLike) -> Result<Rig, BadInput> {
-        let root = Section {
-            file: self,
-            name: String::new(),
-            table,
-            line: None,
-        };
+        let root = Section::root(self, table);
         let sections = keys::sections(|_| true);
         root.only(
             &[
                 &["schema"],
                 sections.as_slice(),
-                &["tolerance", "effect", "provenance"],
+                &[
+                    "tolerance",
+                    "effect",
+                    own_effect::KEY,
+                    OWN_FILES,
+                    "provenance",
+                ],
             ]
             .concat(),
         )?;
@@ -257,6 +305,7 @@ impl<'a> File<'a> {
             },
             assist: None,
             catalogue: self.catalogue.clone(),
+            own_effects: self.own_effects.clone(),
             tolerances: Vec::new(),
             effects: Vec::new(),
             provenance: None,

@@ -38,8 +38,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "A play operator (Tao & Kokotović 1996) with the encoder in the middle of the \
                      play at first.",
             leaves_out: "friction and inertia of the encoder, and play between muscle and load",
-            build: |values| Term::Sensor(Box::new(play(values))),
-            observation: Some(|values| Box::new(play(values))),
+            build: &|values| Term::Sensor(Box::new(play(values))),
+            observation: Some(&|values| Box::new(play(values))),
         },
         Form {
             name: "play-from-a-side",
@@ -49,8 +49,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "The same with the initial position of the encoder in the play: at −1 it \
                      moves at once when the muscle contracts, at 1 when it extends.",
             leaves_out: "friction and inertia of the encoder, and play between muscle and load",
-            build: |values| Term::Sensor(Box::new(play_from_a_side(values))),
-            observation: Some(|values| Box::new(play_from_a_side(values))),
+            build: &|values| Term::Sensor(Box::new(play_from_a_side(values))),
+            observation: Some(&|values| Box::new(play_from_a_side(values))),
         },
         Form {
             name: "graded",
@@ -68,8 +68,8 @@ pub static KIND: EffectKind = EffectKind {
                      share of the reading has a play that is larger than the rest's by the grade \
                      times the mean, as with a compliant coupling.",
             leaves_out: "more than two stages",
-            build: |values| Term::Sensor(Box::new(graded(values))),
-            observation: Some(|values| Box::new(graded(values))),
+            build: &|values| Term::Sensor(Box::new(graded(values))),
+            observation: Some(&|values| Box::new(graded(values))),
         },
     ],
 };

@@ -34,7 +34,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "A force proportional to exp(kε) − 1, with its size at a contraction of 0.25, \
                      after the strain stiffening of rubber; Tondu 2012.",
             leaves_out: "a share that depends on pressure",
-            build: |values| {
+            build: &|values| {
                 Term::Muscle(Box::new(Exponential {
                     per_exponential_n: values[0] / (values[1] * REFERENCE_CONTRACTION).exp_m1(),
                     growth: values[1],
@@ -53,7 +53,7 @@ pub static KIND: EffectKind = EffectKind {
                      terms of the bladder's strain energy (Chou & Hannaford 1996; Klute & \
                      Hannaford 2000).",
             leaves_out: "higher terms",
-            build: |values| {
+            build: &|values| {
                 Term::Muscle(Box::new(Polynomial {
                     linear_n: values[0],
                     quadratic_n: values[1],

@@ -17,11 +17,16 @@ impl Catalogue {
         }
     }
 
-    /// This catalogue with one effect more.
+    /// This catalogue with one effect more, in the place of one of the same name if there is one.
     #[must_use]
     pub fn with(self, kind: &'static EffectKind) -> Catalogue {
+        let mut kinds: Vec<_> = self.kinds().collect();
+        match kinds.iter_mut().find(|known| known.name == kind.name) {
+            Some(same) => *same = kind,
+            None => kinds.push(kind),
+        }
         Catalogue {
-            kinds: self.kinds().chain([kind]).collect(),
+            kinds: kinds.into(),
         }
     }
 

@@ -23,7 +23,7 @@ pub static KIND: EffectKind = EffectKind {
         equation: "Reading = ε + offset",
         source: "Reading = truth + offset, in contraction.",
         leaves_out: "counts that are lost during motion",
-        build: |values| Term::Sensor(Box::new(ContractionSensorOffset { offset: values[0] })),
+        build: &|values| Term::Sensor(Box::new(ContractionSensorOffset { offset: values[0] })),
         observation: None,
     }],
 };

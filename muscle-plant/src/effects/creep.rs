@@ -48,8 +48,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "One relaxation of the pressure, which acts through the braid; its size is \
                      the force after a step of 300 kPa at no contraction. Tondu 2012.",
             leaves_out: "that the relaxation of rubber spans decades of time",
-            build: |values| Term::Muscle(Box::new(one(values, BY_PRESSURE))),
-            observation: Some(|values| Box::new(one(values, BY_PRESSURE))),
+            build: &|values| Term::Muscle(Box::new(one(values, BY_PRESSURE))),
+            observation: Some(&|values| Box::new(one(values, BY_PRESSURE))),
         },
         Form {
             name: "two-relaxations",
@@ -59,8 +59,8 @@ pub static KIND: EffectKind = EffectKind {
                        s₂)/second_time_constant_s, p = P/300 kPa, f_p = ∂F/∂P",
             source: "Two relaxations of the pressure, with sizes at a step of 300 kPa.",
             leaves_out: "that the relaxation of rubber spans decades of time",
-            build: |values| Term::Muscle(Box::new(two(values, BY_PRESSURE))),
-            observation: Some(|values| Box::new(two(values, BY_PRESSURE))),
+            build: &|values| Term::Muscle(Box::new(two(values, BY_PRESSURE))),
+            observation: Some(&|values| Box::new(two(values, BY_PRESSURE))),
         },
         Form {
             name: "logarithmic",
@@ -70,8 +70,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "Drift proportional to the logarithm of time after a step of 300 kPa, as of \
                      rubber (Gent 1962), by relaxations a decade apart from 0.5 to 500 s.",
             leaves_out: "drift before 0.2 s and after 1000 s",
-            build: |values| Term::Muscle(Box::new(decades(values))),
-            observation: Some(|values| Box::new(decades(values))),
+            build: &|values| Term::Muscle(Box::new(decades(values))),
+            observation: Some(&|values| Box::new(decades(values))),
         },
         Form {
             name: "strain-relaxation",
@@ -80,8 +80,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "One relaxation of the bladder's strain, in parallel with Eq 1 (Zener); its \
                      size is the force after a step of 0.25 in contraction.",
             leaves_out: "the relaxation after a step of pressure alone",
-            build: |values| Term::Muscle(Box::new(one(values, BY_STRAIN))),
-            observation: Some(|values| Box::new(one(values, BY_STRAIN))),
+            build: &|values| Term::Muscle(Box::new(one(values, BY_STRAIN))),
+            observation: Some(&|values| Box::new(one(values, BY_STRAIN))),
         },
         Form {
             name: "two-strain-relaxations",
@@ -91,8 +91,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "Two relaxations of the bladder's strain, in parallel with Eq 1 (generalized \
                      Maxwell), with sizes at a step of 0.25 in contraction.",
             leaves_out: "the relaxation after a step of pressure alone",
-            build: |values| Term::Muscle(Box::new(two(values, BY_STRAIN))),
-            observation: Some(|values| Box::new(two(values, BY_STRAIN))),
+            build: &|values| Term::Muscle(Box::new(two(values, BY_STRAIN))),
+            observation: Some(&|values| Box::new(two(values, BY_STRAIN))),
         },
         Form {
             name: "logarithmic-strain",
@@ -109,8 +109,8 @@ pub static KIND: EffectKind = EffectKind {
                      step of 0.25 in contraction. Four branches of equal size, at equal ratios \
                      from the shortest to the longest time constant.",
             leaves_out: "the relaxation after a step of pressure alone",
-            build: |values| Term::Muscle(Box::new(strain_decades(values))),
-            observation: Some(|values| Box::new(strain_decades(values))),
+            build: &|values| Term::Muscle(Box::new(strain_decades(values))),
+            observation: Some(&|values| Box::new(strain_decades(values))),
         },
     ],
 };

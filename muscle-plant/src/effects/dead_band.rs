@@ -31,7 +31,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "F = Eq 1 − f_p · min(P, pressure_pa), f_p = ∂F/∂P",
             source: "The pressure less a threshold acts on the braid, none below it; Tondu 2012.",
             leaves_out: "a rounded onset",
-            build: |values| dead_band(values[0], f64::min),
+            build: &|values| dead_band(values[0], f64::min),
             observation: None,
         },
         Form {
@@ -41,7 +41,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "The lost pressure approaches the threshold exponentially, as the bladder \
                      comes into contact with the braid gradually.",
             leaves_out: "a threshold that changes with contraction",
-            build: |values| {
+            build: &|values| {
                 dead_band(values[0], |pressure_pa, dead_pa| {
                     -dead_pa * (-pressure_pa / dead_pa).exp_m1()
                 })
@@ -61,7 +61,7 @@ pub static KIND: EffectKind = EffectKind {
                      logistic distribution, narrower with larger sharpness; above all of them \
                      their mean is lost.",
             leaves_out: "a threshold that changes with contraction",
-            build: |values| {
+            build: &|values| {
                 let sharpness = values[1];
                 dead_band(values[0], move |pressure_pa, dead_pa| {
                     spread_lost_pa(pressure_pa, dead_pa, sharpness)

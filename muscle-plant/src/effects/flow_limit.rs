@@ -52,7 +52,7 @@ pub static KIND: EffectKind = EffectKind {
                      port, with sonic conductances as mass flow over upstream pressure and one \
                      critical ratio.",
             leaves_out: "temperature and a rounded onset",
-            build: |values| orifices(values, false),
+            build: &|values| orifices(values, false),
             observation: None,
         },
         Form {
@@ -65,7 +65,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "The choked orifices in series with the valve's linear opening, G⁻² = Σ G⁻²: \
                      resistances of turbulent flow add so.",
             leaves_out: "temperature",
-            build: |values| orifices(values, true),
+            build: &|values| orifices(values, true),
             observation: None,
         },
         Form {
@@ -78,7 +78,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "G = flow_kg_per_s · tanh(K_G (P_r − P)/flow_kg_per_s)",
             source: "One largest flow, approached as tanh.",
             leaves_out: "that the flow limit grows with upstream pressure",
-            build: |values| {
+            build: &|values| {
                 Term::Valve(Box::new(Saturation {
                     flow_kg_per_s: values[0],
                 }))

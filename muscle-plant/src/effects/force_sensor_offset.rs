@@ -22,7 +22,7 @@ pub static KIND: EffectKind = EffectKind {
         source: "Reading = truth + offset: the load cell's zero balance, mounting and tare (ISO \
                  376).",
         leaves_out: "gain and drift",
-        build: |values| {
+        build: &|values| {
             Term::Sensor(Box::new(ForceSensorOffset {
                 offset_n: values[0],
             }))

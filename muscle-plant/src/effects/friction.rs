@@ -32,7 +32,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Eq 5 with coulomb_friction_n + force_n and static_friction_n + force_n",
             source: "One force added to static and to Coulomb friction.",
             leaves_out: "presliding and any dependence on speed",
-            build: |values| {
+            build: &|values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
                     static_ratio: 1.0,
@@ -53,7 +53,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Coulomb friction and a static excess that falls as a Gaussian of the speed; \
                      Olsson et al. 1998.",
             leaves_out: "presliding",
-            build: |values| {
+            build: &|values| {
                 Term::Load(Box::new(Stribeck {
                     force_n: values[0],
                     static_ratio: values[1],
@@ -77,7 +77,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
                      1998), with a Stribeck speed of 10 mm/s.",
             leaves_out: "the damping of the bristles beside that of the load",
-            build: |values| {
+            build: &|values| {
                 Term::Load(Box::new(LuGre {
                     force_n: values[0],
                     static_ratio: values[1],

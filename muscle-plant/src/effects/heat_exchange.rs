@@ -34,7 +34,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Eq 4 with factor · h",
             source: "The nominal coefficient times a factor, with walls at ambient temperature.",
             leaves_out: "walls that warm up, and a coefficient that depends on the flow",
-            build: |values| Term::Gas(Box::new(Factor { factor: values[0] })),
+            build: &|values| Term::Gas(Box::new(Factor { factor: values[0] })),
             observation: None,
         },
         Form {
@@ -56,7 +56,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "The same with a wall that stores heat and transfers it to still air outside \
                      at 10 W/(m²·K).",
             leaves_out: "the temperature profile within the wall",
-            build: |values| {
+            build: &|values| {
                 Term::Gas(Box::new(Wall {
                     factor: values[0],
                     heat_capacity_j_per_m2_k: values[1],

@@ -56,7 +56,7 @@ pub static KIND: EffectKind = EffectKind {
                      heights fall with the power `taper` of the thresholds. Shin & Kogiso 2020, \
                      Tondu 2012.",
             leaves_out: "loops that are wider in one direction",
-            build: |values| {
+            build: &|values| {
                 let thresholds = thresholds(values[1], values[2]);
                 Term::Muscle(Box::new(MaxwellSlip {
                     size: Size::new(values),
@@ -64,7 +64,7 @@ pub static KIND: EffectKind = EffectKind {
                     shares: shares(&thresholds, values[3]),
                 }))
             },
-            observation: Some(|_| Box::new(MotionMemory)),
+            observation: Some(&|_| Box::new(MotionMemory)),
         },
         Form {
             name: "bouc-wen",
@@ -78,14 +78,14 @@ pub static KIND: EffectKind = EffectKind {
                        dz/dε = (1 − |z|^sharpness)/reach while |z| grows, 1/reach while it falls",
             source: "Bouc–Wen with equal shares of loading and unloading (Wen 1976).",
             leaves_out: "closed minor loops: a small one drifts",
-            build: |values| {
+            build: &|values| {
                 Term::Muscle(Box::new(BoucWen {
                     size: Size::new(values),
                     presliding_distance: values[1],
                     sharpness: values[2],
                 }))
             },
-            observation: Some(|_| Box::new(MotionMemory)),
+            observation: Some(&|_| Box::new(MotionMemory)),
         },
         Form {
             name: "duhem",
@@ -106,14 +106,14 @@ pub static KIND: EffectKind = EffectKind {
                      its bound exponentially with the distance moved; bound and distance are \
                      larger by the asymmetry while the muscle extends.",
             leaves_out: "closed minor loops",
-            build: |values| {
+            build: &|values| {
                 Term::Muscle(Box::new(Duhem {
                     size: Size::new(values),
                     presliding_distance: values[1],
                     asymmetry: values[2],
                 }))
             },
-            observation: Some(|_| Box::new(MotionMemory)),
+            observation: Some(&|_| Box::new(MotionMemory)),
         },
     ],
 };

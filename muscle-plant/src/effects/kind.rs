@@ -4,6 +4,7 @@
 use super::compensation::CompensationMethod;
 use super::observation::Observation;
 use crate::subsystem::{Subsystem, Term};
+use std::fmt;
 
 /// One parameter of a form, as it stands in `[[effect]]` of a rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,11 +81,13 @@ impl Parameter {
     }
 }
 
+/// Makes a term from the values of a form's parameters, in their order.
+pub type Build = &'static (dyn Fn(&[f64]) -> Term + Sync);
 /// Makes an observation from the values of a form's parameters, in their order.
-pub type Observe = fn(&[f64]) -> Box<dyn Observation>;
+pub type Observe = &'static (dyn Fn(&[f64]) -> Box<dyn Observation> + Sync);
 
 /// One set of equations of an effect.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Form {
     /// Its name, unique within the effect.
     pub name: &'static str,
@@ -97,10 +100,17 @@ pub struct Form {
     /// What a rig does and this form leaves out.
     pub leaves_out: &'static str,
     /// Makes the term from the values of `parameters`, in their order.
-    pub build: fn(&[f64]) -> Term,
+    pub build: Build,
     /// Makes, from the same values, what a diagnosis needs beside the term; `None` where it needs
     /// nothing.
     pub observation: Option<Observe>,
+}
+
+impl fmt::Debug for Form {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let mut shown = f.debug_struct("Form");
+        shown.field("name", &self.name).finish_non_exhaustive()
+    }
 }
 
 /// An equation whose residuals a diagnosis looks at.

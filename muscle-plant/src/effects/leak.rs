@@ -34,7 +34,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "G_leak = conductance_kg_per_pa_s · P",
             source: "Laminar leak, flow proportional to the gauge pressure.",
             leaves_out: "choking",
-            build: |values| {
+            build: &|values| {
                 Term::Gas(Box::new(Gap {
                     conductance_kg_per_pa_s: values[0],
                     power: 1.0,
@@ -50,7 +50,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "A hole by ISO 6358-1, with the sonic conductance as mass flow over absolute \
                      pressure and a critical ratio of 0.5.",
             leaves_out: "temperature",
-            build: |values| {
+            build: &|values| {
                 Term::Gas(Box::new(Hole(Orifice {
                     conductance_kg_per_pa_s: values[0],
                     critical_ratio: HOLE_CRITICAL_RATIO,
@@ -72,7 +72,7 @@ pub static KIND: EffectKind = EffectKind {
                      300 kPa: a power of about 0.5 if turbulent, above 1 if pressure opens the \
                      gap (a tear, a seal).",
             leaves_out: "choking",
-            build: |values| {
+            build: &|values| {
                 Term::Gas(Box::new(Gap {
                     conductance_kg_per_pa_s: values[0],
                     power: values[1],

@@ -46,7 +46,7 @@ pub static KIND: EffectKind = EffectKind {
                      the lag of the muscle's pressure behind that of the port.",
             leaves_out: "turbulence, a lag that changes with volume, and the air in a volume that \
                          fills within 1 ms",
-            build: |values| {
+            build: &|values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Lag(values[0]),
                     hose_volume_m3: values[1],
@@ -79,7 +79,7 @@ pub static KIND: EffectKind = EffectKind {
                      at any pressure: a larger volume of the muscle lags more.",
             leaves_out: "turbulence, a resistance that falls with density, and the air in a \
                          volume that fills within 1 ms",
-            build: |values| {
+            build: &|values| {
                 Term::Line(Box::new(Resistance {
                     passing: Passing::Conductance(values[0]),
                     hose_volume_m3: values[1],
@@ -98,7 +98,7 @@ pub static KIND: EffectKind = EffectKind {
                      resistance: one lump of a line (Stecki & Davis 1986). Period and damping are \
                      those of the hose's volume against a muscle at 300 kPa.",
             leaves_out: "higher modes and turbulence",
-            build: |values| {
+            build: &|values| {
                 Term::Line(Box::new(Inertance {
                     period_s: values[0],
                     damping_ratio: values[1],
@@ -115,8 +115,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "The sensor at the end of a tube with a small volume: a Helmholtz resonator \
                      with negligible flow (Bergh & Tijdeman 1965, first mode).",
             leaves_out: "higher modes and turbulence",
-            build: |values| Term::Line(Box::new(laminar_tube(values))),
-            observation: Some(|values| Box::new(laminar_tube(values))),
+            build: &|values| Term::Line(Box::new(laminar_tube(values))),
+            observation: Some(&|values| Box::new(laminar_tube(values))),
         },
         Form {
             name: "turbulent-sensor-tube",
@@ -131,8 +131,8 @@ pub static KIND: EffectKind = EffectKind {
                      the speed (Ingard & Ising 1967): the damping ratio grows with the rate of \
                      the sensor's pressure over the angular frequency.",
             leaves_out: "higher modes",
-            build: |values| Term::Line(Box::new(turbulent_tube(values))),
-            observation: Some(|values| Box::new(turbulent_tube(values))),
+            build: &|values| Term::Line(Box::new(turbulent_tube(values))),
+            observation: Some(&|values| Box::new(turbulent_tube(values))),
         },
     ],
 };

@@ -18,7 +18,7 @@ pub mod orifice;
 pub use catalogue::Catalogue;
 pub use compensation::{AddedFriction, CompensationMethod, DeadZoneWidths};
 pub use kind::{
-    DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Observe, Parameter, Requirement,
+    Build, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Observe, Parameter, Requirement,
 };
 pub use observation::{DecayingForce, Observation};
 

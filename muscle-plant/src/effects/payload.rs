@@ -25,7 +25,7 @@ pub static KIND: EffectKind = EffectKind {
         equation: "Eq 5 with M = load.mass_kg + mass_kg",
         source: "Eq 5 with another mass.",
         leaves_out: "a payload that swings",
-        build: |values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
+        build: &|values| Term::Load(Box::new(Payload { mass_kg: values[0] })),
         observation: None,
     }],
 };

@@ -26,7 +26,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Reading = P + drift_pa_per_s · t",
             source: "An offset proportional to the record's time, 0 at time 0.",
             leaves_out: "a drift that ends",
-            build: |values| drift(values[0], 0.0, f64::INFINITY),
+            build: &|values| drift(values[0], 0.0, f64::INFINITY),
             observation: None,
         },
         Form {
@@ -39,7 +39,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "An offset, 0 at the record's time 0, with a given rate there that grows \
                      linearly: the next term of a slow drift.",
             leaves_out: "a drift that ends",
-            build: |values| drift(values[0], values[1], f64::INFINITY),
+            build: &|values| drift(values[0], values[1], f64::INFINITY),
             observation: None,
         },
         Form {
@@ -55,7 +55,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "An offset that approaches its size exponentially from 0 at the record's time \
                      0.",
             leaves_out: "a temperature that depends on the use",
-            build: |values| drift(values[0] / values[1], 0.0, values[1]),
+            build: &|values| drift(values[0] / values[1], 0.0, values[1]),
             observation: None,
         },
     ],

@@ -26,7 +26,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Reading = P · (1 + gain_error)",
             source: "Reading = truth · (1 + error).",
             leaves_out: "a nonlinear characteristic",
-            build: |values| {
+            build: &|values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],
                     nonlinearity: 0.0,
@@ -44,7 +44,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Reading = truth · (1 + error + nonlinearity · truth / 300 kPa), as data \
                      sheets of pressure sensors state both.",
             leaves_out: "hysteresis of the sensor",
-            build: |values| {
+            build: &|values| {
                 Term::Sensor(Box::new(PressureSensorGain {
                     gain_error: values[0],
                     nonlinearity: values[1],

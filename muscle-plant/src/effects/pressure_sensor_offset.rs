@@ -24,7 +24,7 @@ pub static KIND: EffectKind = EffectKind {
         equation: "Reading = P + offset_pa",
         source: "Reading = truth + offset.",
         leaves_out: "gain and drift, which are effects of their own",
-        build: |values| {
+        build: &|values| {
             Term::Sensor(Box::new(PressureSensorOffset {
                 offset_pa: values[0],
             }))

@@ -36,8 +36,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "A share of the force that decays exponentially with the distance moved, in \
                      units of contraction: stress softening of rubber (Mullins 1969).",
             leaves_out: "recovery during a rest, and motion within 0.001",
-            build: |values| Term::Muscle(Box::new(exponential(values))),
-            observation: Some(|values| Box::new(exponential(values))),
+            build: &|values| Term::Muscle(Box::new(exponential(values))),
+            observation: Some(&|values| Box::new(exponential(values))),
         },
         Form {
             name: "hyperbolic",
@@ -46,8 +46,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "A share of the force that falls as 1/(1 + moved/distance): fast at first, \
                      then slowly.",
             leaves_out: "recovery during a rest, and motion within 0.001",
-            build: |values| Term::Muscle(Box::new(hyperbolic(values))),
-            observation: Some(|values| Box::new(hyperbolic(values))),
+            build: &|values| Term::Muscle(Box::new(hyperbolic(values))),
+            observation: Some(&|values| Box::new(hyperbolic(values))),
         },
         Form {
             name: "cyclic",
@@ -62,8 +62,8 @@ pub static KIND: EffectKind = EffectKind {
             source: "A share of the force that decays exponentially with the number of cycles; a \
                      stroke counts as half a cycle as soon as it exceeds 0.02 in contraction.",
             leaves_out: "recovery during a rest, and motion within 0.001",
-            build: |values| Term::Muscle(Box::new(cyclic(values))),
-            observation: Some(|values| Box::new(cyclic(values))),
+            build: &|values| Term::Muscle(Box::new(cyclic(values))),
+            observation: Some(&|values| Box::new(cyclic(values))),
         },
     ],
 };

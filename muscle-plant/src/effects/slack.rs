@@ -29,7 +29,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "F = max(F′, 0), F′ the force of Eq 1 with all other effects",
             source: "No force where Eq 1 with all other effects is below zero.",
             leaves_out: "the stiffness of a folded muscle",
-            build: |_| slack(0.0, 0.0),
+            build: &|_| slack(0.0, 0.0),
             observation: None,
         },
         Form {
@@ -39,7 +39,7 @@ pub static KIND: EffectKind = EffectKind {
                        effects",
             source: "A hyperbola about the corner: where Eq 1 is zero, half the rounding is left.",
             leaves_out: "a force that is exactly zero",
-            build: |values| slack(values[0], 0.0),
+            build: &|values| slack(values[0], 0.0),
             observation: None,
         },
         Form {
@@ -48,7 +48,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "F = max(F′, push_share · F′), F′ the force of Eq 1 with all other effects",
             source: "Below zero a share of Eq 1 remains, as a folded hose still resists bending.",
             leaves_out: "that a fold forms suddenly (Euler buckling)",
-            build: |values| slack(0.0, values[0]),
+            build: &|values| slack(0.0, values[0]),
             observation: None,
         },
     ],

@@ -43,7 +43,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Isothermal reservoir with a linear restriction towards the nominal supply; \
                      air that flows back from the muscle returns to it.",
             leaves_out: "the dynamics of a regulator",
-            build: |values| linear(values, false),
+            build: &|values| linear(values, false),
             observation: None,
         },
         Form {
@@ -54,7 +54,7 @@ pub static KIND: EffectKind = EffectKind {
                        d/recovery_time_s; no flow back into it",
             source: "The same behind a check valve, which keeps air from flowing back.",
             leaves_out: "the dynamics of a regulator",
-            build: |values| linear(values, true),
+            build: &|values| linear(values, true),
             observation: None,
         },
         Form {
@@ -67,7 +67,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Isothermal reservoir that the nominal supply refills through an orifice by \
                      ISO 6358-1 with a critical ratio of 0.5: a half-shut regulator.",
             leaves_out: "the dynamics of a regulator",
-            build: |values| orifice(values, false),
+            build: &|values| orifice(values, false),
             observation: None,
         },
         Form {
@@ -79,7 +79,7 @@ pub static KIND: EffectKind = EffectKind {
                        flow back into it",
             source: "The same behind a check valve.",
             leaves_out: "the dynamics of a regulator",
-            build: |values| orifice(values, true),
+            build: &|values| orifice(values, true),
             observation: None,
         },
     ],

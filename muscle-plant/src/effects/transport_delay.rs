@@ -27,7 +27,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Eq 9 with P_r(t − delay_s)",
             source: "Pure delay of the command.",
             leaves_out: "the rounding of a long hose",
-            build: |values| delay(values[0], 0.0),
+            build: &|values| delay(values[0], 0.0),
             observation: None,
         },
         Form {
@@ -41,7 +41,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "A delay with a standard deviation of this share of it: a shorter delay and \
                      two equal lags (tanks in series, Levenspiel 1999), none below 2.5 ms.",
             leaves_out: "the sampling of a bus",
-            build: |values| delay(values[0], values[1]),
+            build: &|values| delay(values[0], values[1]),
             observation: None,
         },
     ],

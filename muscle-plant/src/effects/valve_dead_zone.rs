@@ -32,7 +32,7 @@ pub static KIND: EffectKind = EffectKind {
                        [P − P_r − half_width_pa], [x] = max(x, 0)",
             source: "A spool with the same overlap on both sides.",
             leaves_out: "leakage past the overlap",
-            build: |values| dead_zone(values[0], values[0], 0.0),
+            build: &|values| dead_zone(values[0], values[0], 0.0),
             observation: None,
         },
         Form {
@@ -46,7 +46,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Hyperbolas about the corners of the sharp dead zone: leakage past the \
                      overlap.",
             leaves_out: "a gain that differs near the edge",
-            build: |values| dead_zone(values[0], values[0], values[1]),
+            build: &|values| dead_zone(values[0], values[0], values[1]),
             observation: None,
         },
         Form {
@@ -59,7 +59,7 @@ pub static KIND: EffectKind = EffectKind {
                        − P_r − exhausting_pa], [x] = max(x, 0)",
             source: "A spool with different overlaps at its supply port and its exhaust port.",
             leaves_out: "leakage past the overlap",
-            build: |values| dead_zone(values[0], values[1], 0.0),
+            build: &|values| dead_zone(values[0], values[1], 0.0),
             observation: None,
         },
     ],

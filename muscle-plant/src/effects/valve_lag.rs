@@ -30,7 +30,7 @@ pub static KIND: EffectKind = EffectKind {
             equation: "Eq 9 with R in place of P_r; time_constant_s · dR/dt = P_r − R",
             source: "First-order lag of the reference; none below 0.02 ms.",
             leaves_out: "a second-order spool",
-            build: |values| {
+            build: &|values| {
                 Term::Valve(Box::new(FirstOrder {
                     time_constant_s: values[0],
                 }))
@@ -48,7 +48,7 @@ pub static KIND: EffectKind = EffectKind {
             source: "Second-order lag of the reference, 1/(1 + 2ζTs + T²s²): the spool's mass on \
                      its spring; none below 0.02 ms.",
             leaves_out: "limits of travel and speed",
-            build: |values| {
+            build: &|values| {
                 Term::Valve(Box::new(SecondOrder {
                     time_constant_s: values[0],
                     damping_ratio: values[1],

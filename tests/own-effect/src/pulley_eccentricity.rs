@@ -37,7 +37,7 @@ pub static KIND: EffectKind = EffectKind {
         source: "Reading = truth · (1 + cosine · cos φ + sine · sin φ) with φ = 2π · contraction \
                  / turn.",
         leaves_out: "higher harmonics",
-        build: |values| {
+        build: &|values| {
             Term::Sensor(Box::new(PulleyEccentricity {
                 cosine: values[0],
                 sine: values[1],

@@ -287,7 +287,10 @@ pub fn summary(record: &Record, rig: Option<&Rig>, accept: bool) -> Result<Summa
         false => check.errors.extend(doubted),
     }
     Ok(Summary {
-        blocks: check.subsystems(&Catalogue::standard(), rig),
+        blocks: check.subsystems(
+            &rig.map_or_else(Catalogue::standard, |rig| rig.catalogue.clone()),
+            rig,
+        ),
         sampling: check.sampling,
         signals: check.signals,
         errors: check.errors,

@@ -123,15 +123,17 @@ fn text(
         if at_row < row || at_row == row && at_column < written {
             return Err("rows and cells in order, found others".into());
         }
+        // Before anything is written: a cell may claim any row and column.
+        let below = (at_row - row) as usize;
+        if text.len() + below + at_column as usize + width as usize + value.len() > max {
+            return Err(format!("cells of at most {max} bytes, found more"));
+        }
         if row < at_row {
             end_row(&mut text, written, width, delimiter);
             text.extend((row + 1..at_row).map(|_| '\n'));
             (row, written) = (at_row, 0);
         }
         let skipped = at_column - written + u32::from(written > 0);
-        if text.len() + skipped as usize + width as usize + value.len() > max {
-            return Err(format!("cells of at most {max} bytes, found more"));
-        }
         // The first cell of a row has no delimiter before it.
         text.extend((0..skipped).map(|_| delimiter));
         text += &in_quotes(&value, delimiter);

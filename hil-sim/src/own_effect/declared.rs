@@ -1,0 +1,578 @@
+//! Reading the tables `[own_effect.NAME]`.
+
+use super::dimension::Dimension;
+use super::expression::Expression;
+use super::term::{self, Change, OwnTerm, Place, State, VALUES_MAX};
+use super::tried;
+use crate::error::{BadInput, one_of};
+use indexmap::IndexMap;
+use muscle_plant::effects::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+};
+use muscle_plant::subsystem::Subsystem;
+use serde::Deserialize;
+use serde_spanned::Spanned;
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+/// The key of the tables in a rig file.
+pub const KEY: &str = "own_effect";
+/// Parameters at most: a diagnosis resolves no more.
+const PARAMETERS_MAX: usize = 5;
+/// States at most.
+const STATES_MAX: usize = 6;
+
+/// One table.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Declared {
+    subsystem: Spanned<String>,
+    #[serde(default = "not_stated")]
+    signature: String,
+    #[serde(default = "not_stated")]
+    test_signal: String,
+    #[serde(default = "not_stated")]
+    source: String,
+    #[serde(default = "nothing_stated")]
+    leaves_out: String,
+    discrepancy_ratio: Option<Spanned<f64>>,
+    #[serde(default)]
+    parameter: IndexMap<String, Spanned<DeclaredParameter>>,
+    #[serde(default)]
+    constant: IndexMap<String, Spanned<Constant>>,
+    #[serde(default)]
+    state: IndexMap<String, Spanned<DeclaredState>>,
+    adds: Spanned<IndexMap<String, Spanned<String>>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeclaredParameter {
+    unit: Option<String>,
+    min: f64,
+    max: f64,
+    typical: f64,
+    #[serde(default)]
+    log: bool,
+    neutral: Option<f64>,
+    #[serde(default)]
+    physical_min: bool,
+    #[serde(default)]
+    physical_max: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Constant {
+    unit: Option<String>,
+    value: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeclaredState {
+    unit: Option<String>,
+    typical: f64,
+    steady: Spanned<String>,
+    rate: Option<Spanned<String>>,
+    update: Option<Spanned<String>>,
+    after_contraction: Option<Spanned<String>>,
+    after_extension: Option<Spanned<String>>,
+}
+
+fn not_stated() -> String {
+    "not stated.".into()
+}
+
+fn nothing_stated() -> String {
+    "nothing that is stated".into()
+}
+
+/// What is wrong, and where in the text.
+pub(super) struct Wrong {
+    pub key: String,
+    pub span: Range<usize>,
+    pub expected: String,
+}
+
+/// The effects that `text`, TOML of the file `file`, declares.
+///
+/// # Errors
+/// A table is not an effect that can be simulated, with line, key and what was expected.
+pub fn from_toml(file: &str, text: &str) -> Result<Vec<&'static EffectKind>, BadInput> {
+    #[derive(Deserialize)]
+    struct File {
+        #[serde(default)]
+        own_effect: IndexMap<String, Spanned<Declared>>,
+    }
+    let bad = |span: Option<Range<usize>>, key: String, expected: String| BadInput {
+        file: file.into(),
+        line: span.map(|span| 1 + text[..span.start].matches('\n').count()),
+        place: Some(format!("key `{key}`")),
+        expected,
+    };
+    let read: Result<File, _> = toml_edit::de::from_str(text);
+    let read = read.map_err(|error| {
+        let expected = format!(
+            "an effect of your own, {}",
+            error.message().replace('\n', " ")
+        );
+        bad(error.span(), KEY.into(), expected)
+    })?;
+    let kinds = read.own_effect.iter().map(|(name, declared)| {
+        kind(name, declared).map_err(|wrong| {
+            let key = format!("{KEY}.{name}{}", wrong.key);
+            bad(Some(wrong.span), key, wrong.expected)
+        })
+    });
+    kinds.collect()
+}
+
+/// The effects that were declared so far, by their declaration: they live as long as the program,
+/// as those of the catalogue do.
+static DECLARED: Mutex<Option<HashMap<String, &'static EffectKind>>> = Mutex::new(None);
+
+fn kind(name: &str, declared: &Spanned<Declared>) -> Result<&'static EffectKind, Wrong> {
+    let identity = format!("{name} {declared:?}");
+    let mut known = DECLARED.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = known.get_or_insert_default();
+    if let Some(kind) = known.get(&identity) {
+        return Ok(kind);
+    }
+    let wrong = |expected: &str| Wrong {
+        key: String::new(),
+        span: declared.span(),
+        expected: expected.into(),
+    };
+    let is_kebab =
+        |letter: char| letter.is_ascii_lowercase() || letter == '-' || letter.is_ascii_digit();
+    if name.is_empty() || !name.chars().all(is_kebab) {
+        return Err(wrong("a name of small letters, digits and hyphens"));
+    }
+    let kind = Reading::new(declared.get_ref())?.kind(name)?;
+    let kind: &'static EffectKind = Box::leak(Box::new(kind));
+    known.insert(identity, kind);
+    Ok(kind)
+}
+
+/// The subsystem of that name.
+fn place(name: &Spanned<String>) -> Result<(Subsystem, Place), Wrong> {
+    let places = [
+        (Subsystem::MuscleForce, term::MUSCLE),
+        (Subsystem::Load, term::LOAD),
+        (Subsystem::Valve, term::VALVE),
+        (Subsystem::Line, term::LINE),
+        (Subsystem::Gas, term::GAS),
+        (Subsystem::Supply, term::SUPPLY),
+        (Subsystem::Sensor, term::SENSOR),
+    ];
+    let found = places
+        .into_iter()
+        .find(|(own, _)| own.name() == name.get_ref());
+    found.ok_or_else(|| Wrong {
+        key: ".subsystem".into(),
+        span: name.span(),
+        expected: one_of(&places.map(|(own, _)| own.name()), name.get_ref()),
+    })
+}
+
+/// A declaration whose names are known: inputs, states, parameters and constants, with a dimension
+/// for each that has a unit.
+struct Reading<'a> {
+    declared: &'a Declared,
+    subsystem: Subsystem,
+    place: Place,
+    names: Vec<&'a str>,
+    dimensions: Vec<Option<Dimension>>,
+}
+
+impl<'a> Reading<'a> {
+    fn new(declared: &'a Declared) -> Result<Reading<'a>, Wrong> {
+        let (subsystem, place) = place(&declared.subsystem)?;
+        let mut reading = Reading {
+            declared,
+            subsystem,
+            place,
+            names: vec![""; VALUES_MAX],
+            dimensions: vec![None; VALUES_MAX],
+        };
+        reading.check_counts()?;
+        let inputs = [place.inputs, place.inputs_of_states];
+        let longest = inputs.into_iter().max_by_key(|inputs| inputs.len());
+        for (index, (name, unit)) in longest.unwrap_or_default().iter().enumerate() {
+            reading.names[index] = name;
+            reading.dimensions[index] = Dimension::of_unit(unit).ok();
+        }
+        let first = VALUES_MAX - declared.state.len();
+        for (index, (name, state)) in declared.state.iter().enumerate() {
+            let key = format!(".state.{name}");
+            let dimension = reading.new_name(&key, name, state.span(), &state.get_ref().unit)?;
+            (
+                reading.names[first + index],
+                reading.dimensions[first + index],
+            ) = (name, dimension);
+        }
+        for (name, parameter) in &declared.parameter {
+            let key = format!(".parameter.{name}");
+            let unit = &parameter.get_ref().unit;
+            let dimension = reading.new_name(&key, name, parameter.span(), unit)?;
+            reading.names.push(name);
+            reading.dimensions.push(dimension);
+        }
+        for (name, constant) in &declared.constant {
+            let key = format!(".constant.{name}");
+            let unit = &constant.get_ref().unit;
+            let dimension = reading.new_name(&key, name, constant.span(), unit)?;
+            reading.names.push(name);
+            reading.dimensions.push(dimension);
+        }
+        Ok(reading)
+    }
+
+    fn check_counts(&self) -> Result<(), Wrong> {
+        let declared = self.declared;
+        let counts = [
+            ("parameter", declared.parameter.len(), 0, PARAMETERS_MAX),
+            ("state", declared.state.len(), 0, STATES_MAX),
+            (
+                "adds",
+                declared.adds.get_ref().len(),
+                1,
+                self.place.adds.len(),
+            ),
+        ];
+        for (key, found, min, max) in counts {
+            if !(min..=max).contains(&found) {
+                return Err(Wrong {
+                    key: format!(".{key}"),
+                    span: declared.adds.span(),
+                    expected: format!("{min} to {max} keys, found {found}"),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The dimension of a name that is not taken.
+    fn new_name(
+        &self,
+        key: &str,
+        name: &str,
+        span: Range<usize>,
+        unit: &Option<String>,
+    ) -> Result<Option<Dimension>, Wrong> {
+        let wrong = |expected: String| Wrong {
+            key: key.into(),
+            span: span.clone(),
+            expected,
+        };
+        let mut letters = name.chars();
+        let starts = letters
+            .next()
+            .is_some_and(|first| first.is_ascii_alphabetic());
+        if !starts || !letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_') {
+            return Err(wrong("a name of letters, digits and underscores".into()));
+        }
+        if self.names.contains(&name) || ["pi", "name", "form"].contains(&name) {
+            return Err(wrong(format!("a name that is not taken, found {name}")));
+        }
+        let dimension = unit.as_ref().map(|unit| Dimension::of_unit(unit));
+        dimension.transpose().map_err(wrong)
+    }
+
+    /// An expression over the first `inputs` inputs, states, parameters and constants (put in), of
+    /// the dimension `expected`.
+    fn expression(
+        &self,
+        key: &str,
+        text: &Spanned<String>,
+        inputs: usize,
+        expected: Option<Dimension>,
+    ) -> Result<Expression, Wrong> {
+        let wrong = |expected: String| Wrong {
+            key: key.into(),
+            span: text.span(),
+            expected,
+        };
+        let states = VALUES_MAX - self.declared.state.len();
+        let known = |(index, name): (usize, &&'a str)| match index {
+            index if index >= inputs && index < states => "",
+            _ => *name,
+        };
+        let names: Vec<_> = self.names.iter().enumerate().map(known).collect();
+        let read = Expression::parse(text.get_ref(), &names).map_err(wrong)?;
+        let found = read.dimension(&self.dimensions, &names).map_err(wrong)?;
+        match (found, expected) {
+            (Some(found), Some(expected)) if found != expected => {
+                return Err(wrong(format!(
+                    "an expression in {expected}, found {found}: if a number in it is a quantity, \
+                     declare it as a constant with its unit"
+                )));
+            }
+            _ => {}
+        }
+        let first = VALUES_MAX + self.declared.parameter.len();
+        let constants: Vec<f64> = self
+            .declared
+            .constant
+            .values()
+            .map(|own| own.get_ref().value)
+            .collect();
+        Ok(read.with(&|index| constants.get(index.checked_sub(first)?).copied()))
+    }
+
+    fn state(&self, index: usize, name: &str, own: &DeclaredState) -> Result<State, Wrong> {
+        let key = |part: &str| format!(".state.{name}.{part}");
+        let own_index = VALUES_MAX - self.declared.state.len() + index;
+        let dimension = self.dimensions[own_index];
+        let inputs = self.place.inputs_of_states.len();
+        let read = |part: &str, text| self.expression(&key(part), text, inputs, dimension);
+        let second = Dimension::of_unit("s").ok();
+        let change = match (&own.rate, &own.update) {
+            (Some(rate), None) => {
+                let per_time = dimension.zip(second);
+                let per_time = per_time.map(|(own, second)| own.times(second.to_power(-1.0)));
+                Change::Rate(self.expression(&key("rate"), rate, inputs, per_time)?, None)
+            }
+            (None, Some(update)) => Change::Update(read("update", update)?),
+            _ => {
+                return Err(Wrong {
+                    key: key("rate"),
+                    span: own.steady.span(),
+                    expected: "either `rate`, per second, or `update`, after each step".into(),
+                });
+            }
+        };
+        if !(own.typical > 0.0 && own.typical.is_finite()) {
+            return Err(Wrong {
+                key: key("typical"),
+                span: own.steady.span(),
+                expected: format!("a number above 0, found {}", own.typical),
+            });
+        }
+        let after_motion = match (&own.after_contraction, &own.after_extension) {
+            (Some(up), Some(down)) => Some([
+                read("after_contraction", up)?,
+                read("after_extension", down)?,
+            ]),
+            (None, None) => None,
+            _ => {
+                return Err(Wrong {
+                    key: key("after_contraction"),
+                    span: own.steady.span(),
+                    expected: "both `after_contraction` and `after_extension`, or none".into(),
+                });
+            }
+        };
+        Ok(State {
+            typical: own.typical,
+            steady: read("steady", &own.steady)?,
+            change,
+            after_motion,
+        })
+    }
+
+    fn parameter(&self, name: &str, own: &Spanned<DeclaredParameter>) -> Result<Parameter, Wrong> {
+        let (span, own) = (own.span(), own.get_ref());
+        let is_inside = |value: f64| (own.min..=own.max).contains(&value);
+        let expected = if !(own.min < own.max && own.min.is_finite() && own.max.is_finite()) {
+            format!("`min` below `max`, found {} and {}", own.min, own.max)
+        } else if !is_inside(own.typical) || own.typical == 0.0 {
+            format!("`typical` in its range and not 0, found {}", own.typical)
+        } else if !own.neutral.is_none_or(is_inside) {
+            "`neutral` in its range".into()
+        } else if own.log && own.min <= 0.0 {
+            format!(
+                "`min` above 0, as it is fitted by its logarithm, found {}",
+                own.min
+            )
+        } else {
+            return Ok(Parameter {
+                name: leaked(name),
+                unit: leaked(own.unit.as_deref().unwrap_or("-")),
+                min: own.min,
+                max: own.max,
+                typical: own.typical,
+                log: own.log,
+                neutral: own.neutral,
+                physical_bounds: [own.physical_min, own.physical_max],
+            });
+        };
+        Err(Wrong {
+            key: format!(".parameter.{name}"),
+            span,
+            expected,
+        })
+    }
+
+    /// The expressions of the term, in which the parameters are names.
+    fn term(&self) -> Result<OwnTerm, Wrong> {
+        let declared = self.declared;
+        let states = declared.state.iter().enumerate();
+        let states = states.map(|(index, (name, own))| self.state(index, name, own.get_ref()));
+        let adds = declared.adds.get_ref();
+        let known: Vec<_> = self.place.adds.iter().map(|(name, _)| *name).collect();
+        if let Some((unknown, text)) = adds
+            .iter()
+            .find(|(name, _)| !known.contains(&name.as_str()))
+        {
+            return Err(Wrong {
+                key: format!(".adds.{unknown}"),
+                span: text.span(),
+                expected: one_of(&known, unknown),
+            });
+        }
+        let added = self.place.adds.iter().map(|(name, unit)| {
+            let text = adds.get(*name)?;
+            let inputs = if self.subsystem == Subsystem::Line {
+                0
+            } else {
+                self.place.inputs.len()
+            };
+            let unit = Dimension::of_unit(unit).ok();
+            Some(self.expression(&format!(".adds.{name}"), text, inputs, unit))
+        });
+        Ok(OwnTerm {
+            states: states.collect::<Result<_, _>>()?,
+            adds: added.map(Option::transpose).collect::<Result<_, _>>()?,
+        })
+    }
+
+    fn kind(&self, name: &str) -> Result<EffectKind, Wrong> {
+        let declared = self.declared;
+        let parameters = declared.parameter.iter();
+        let parameters = parameters.map(|(name, own)| self.parameter(name, own));
+        let parameters: Vec<Parameter> = parameters.collect::<Result<_, _>>()?;
+        let parameters: &'static [Parameter] = parameters.leak();
+        let term = self.term()?;
+        let bind = move |values: &[f64]| bound(&term, values);
+        tried::check(&bind, parameters, &self.place, &self.names[..VALUES_MAX]).map_err(|why| {
+            Wrong {
+                key: ".adds".into(),
+                span: declared.adds.span(),
+                expected: why,
+            }
+        })?;
+        let discrepancy_ratio = declared.discrepancy_ratio.as_ref();
+        if let Some(ratio) = discrepancy_ratio.filter(|ratio| !(0.0..1.0).contains(ratio.get_ref()))
+        {
+            return Err(Wrong {
+                key: ".discrepancy_ratio".into(),
+                span: ratio.span(),
+                expected: format!("a number from 0 to 1, found {}", ratio.get_ref()),
+            });
+        }
+        let bind: &'static (dyn Fn(&[f64]) -> OwnTerm + Sync) = Box::leak(Box::new(bind));
+        let make = self.place.term;
+        let is_muscle = self.subsystem == Subsystem::MuscleForce && !declared.state.is_empty();
+        let form = Form {
+            name: "own",
+            parameters,
+            equation: leaked(&self.equation()),
+            source: leaked(&declared.source),
+            leaves_out: leaked(declared.leaves_out.trim_end_matches('.')),
+            build: Box::leak(Box::new(move |values: &[f64]| make(bind(values)))),
+            observation: if is_muscle {
+                Some(Box::leak(Box::new(move |values: &[f64]| {
+                    Box::new(bind(values)) as _
+                })))
+            } else {
+                None
+            },
+        };
+        let (equations, requires) = self.shows();
+        Ok(EffectKind {
+            name: leaked(name),
+            subsystem: self.subsystem,
+            equations,
+            requires,
+            signature: leaked(&declared.signature),
+            test_signal: leaked(&declared.test_signal),
+            discrepancy_ratio: discrepancy_ratio
+                .map_or(DISCREPANCY_RATIO, |ratio| *ratio.get_ref()),
+            compensation: CompensationMethod::Unavailable(
+                "the controller does not know effects of one's own",
+            ),
+            forms: vec![form].leak(),
+        })
+    }
+
+    /// The equations that it changes, and what a record must contain.
+    fn shows(&self) -> (&'static [Equation], &'static [Requirement]) {
+        let adds = self.declared.adds.get_ref();
+        match self.subsystem {
+            Subsystem::MuscleForce => (&[Equation::MuscleForce], &[]),
+            Subsystem::Load => (&[Equation::Load], &[Requirement::Motion]),
+            Subsystem::Sensor if adds.contains_key("contraction") => {
+                (&[Equation::Gas, Equation::MuscleForce, Equation::Load], &[])
+            }
+            Subsystem::Sensor if adds.contains_key("pressure_pa") => {
+                (&[Equation::Gas, Equation::MuscleForce], &[])
+            }
+            Subsystem::Sensor => (
+                &[Equation::MuscleForce, Equation::Load],
+                &[Requirement::MeasuredForce],
+            ),
+            _ => (&[Equation::Gas], &[]),
+        }
+    }
+
+    /// What is added, and how the states change, as it was written.
+    fn equation(&self) -> String {
+        let declared = self.declared;
+        let adds = declared.adds.get_ref().iter();
+        let adds = adds.map(|(name, text)| format!("{name} + {}", text.get_ref()));
+        let states = declared.state.iter().map(|(name, own)| {
+            let own = own.get_ref();
+            match (&own.rate, &own.update) {
+                (Some(rate), _) => format!("d {name}/dt = {}", rate.get_ref()),
+                (_, update) => {
+                    let update = update.as_ref().map_or("", |text| text.get_ref());
+                    format!("{name} = {update} after each step")
+                }
+            }
+        });
+        adds.chain(states).collect::<Vec<_>>().join("; ")
+    }
+}
+
+/// The term with the values of its parameters.
+fn bound(term: &OwnTerm, values: &[f64]) -> OwnTerm {
+    let put = |expression: &Expression| {
+        expression.with(&|index| values.get(index.checked_sub(VALUES_MAX)?).copied())
+    };
+    let first = VALUES_MAX - term.states.len();
+    let state = |(index, own): (usize, &State)| State {
+        typical: own.typical,
+        steady: put(&own.steady),
+        change: match &own.change {
+            Change::Update(to) => Change::Update(put(to)),
+            Change::Rate(rate, _) => {
+                let rate = put(rate);
+                let is_other = |name: usize| name >= first && name != first + index;
+                let slope = match rate.derivative(first + index) {
+                    Some(Expression::Number(slope)) if !rate.any(&is_other) => Some(slope),
+                    _ => None,
+                };
+                Change::Rate(rate, slope)
+            }
+        },
+        after_motion: own
+            .after_motion
+            .as_ref()
+            .map(|after| [put(&after[0]), put(&after[1])]),
+    };
+    OwnTerm {
+        states: term.states.iter().enumerate().map(state).collect(),
+        adds: term
+            .adds
+            .iter()
+            .map(|added| added.as_ref().map(put))
+            .collect(),
+    }
+}
+
+fn leaked(text: &str) -> &'static str {
+    String::from(text).leak()
+}

@@ -1,0 +1,9 @@
+//! Effects of one's own, declared in a rig file as expressions: docs/own-effect.md.
+
+mod declared;
+mod dimension;
+mod expression;
+mod term;
+mod tried;
+
+pub use declared::{KEY, from_toml};

@@ -1,0 +1,294 @@
+//! Effects of one's own, declared in a rig file.
+
+use hil_sim::identify::simulate::simulate;
+use hil_sim::own_effect::from_toml;
+use hil_sim::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use hil_sim::rig::Rig;
+use std::fs;
+use std::path::Path;
+
+const EXAMPLES: &str = include_str!("../../docs/examples/own-effects.toml");
+const GUIDE: &str = include_str!("../../docs/own-effect.md");
+
+/// The reference rig with more text: keys of the root, and tables at its end.
+fn rig(root: &str, tables: &str) -> Result<Rig, String> {
+    let schema = "schema = 1\n";
+    let text = Rig::REFERENCE_TOML.replacen(schema, &format!("{schema}{root}"), 1) + "\n" + tables;
+    Rig::parse("rig.toml", &text).map_err(|error| error.to_string())
+}
+
+/// Steps of the reference up and down over 20 s, from rest.
+fn steps(interval_s: f64) -> Record {
+    let rows = (20.0 / interval_s) as u32;
+    let time_s: Vec<f64> = (0..rows).map(|row| interval_s * f64::from(row)).collect();
+    let levels_pa = [2e5, 4.9e5, 2.2e5, 4.6e5, 2.3e5, 2e5];
+    let reference_pa = time_s
+        .iter()
+        .map(|time_s| levels_pa[(time_s / 3.4) as usize]);
+    let reference_pa: Vec<f64> = reference_pa.collect();
+    let mut record = Record::new(time_s);
+    record.set(PRESSURE_REF_PA, reference_pa);
+    record.set(PRESSURE_PA, vec![2e5; rows as usize]);
+    record
+}
+
+/// The effect of the examples against the built-in one, with the lines for each.
+fn compare(name: &str, built_in: &str, own: &str) {
+    let effect = |lines: &str| format!("[[effect]]\nname = \"{name}\"\n{lines}\n");
+    let of_catalogue = rig("", &effect(built_in)).expect("a rig");
+    let of_example = rig("", &format!("{}{EXAMPLES}", effect(own))).expect("a rig");
+    assert_eq!(of_example.effects[0].form.name, "own");
+    let drive = steps(0.01);
+    let [expected, found] = [&of_catalogue, &of_example]
+        .map(|rig| simulate(rig, &drive, 1e-8).unwrap_or_else(|error| panic!("{name}: {error}")));
+    let nominal = simulate(&Rig::reference(), &drive, 1e-8).expect("simulated");
+    let mut changed = false;
+    // The weight starts at instants that the tolerance of 1e-8 leaves open, and goes on from there.
+    for (column, range) in [(PRESSURE_PA, 5e5), (CONTRACTION, 0.25), (FORCE_N, 500.0)] {
+        let [expected, found, nominal] =
+            [&expected, &found, &nominal].map(|record| record.require(column).expect("a column"));
+        let largest = |of: &[f64]| {
+            let differences = of.iter().zip(expected).map(|(a, b)| (a - b).abs() / range);
+            differences.fold(0.0, f64::max)
+        };
+        assert!(largest(found) < 1e-5, "{name} {column}: {}", largest(found));
+        changed |= largest(nominal) > 1e-4;
+    }
+    assert!(changed, "{name} changes nothing");
+}
+
+#[test]
+fn the_examples_are_simulated_as_the_effects_of_the_catalogue() {
+    let area_m2 = Rig::reference().nominal.muscle.force_per_pressure_m2(0.0);
+    let creep = format!("force_n = {}\ntime_constant_s = 4.0", 0.04 * area_m2 * 3e5);
+    let elastic = "force_n = 40.0\ngrowth = 8.0";
+    let reservoir = "reservoir_volume_m3 = 8e-4\nrecovery_time_s = 3.0";
+    for (name, built_in, own) in [
+        ("leak", "conductance_kg_per_pa_s = 6e-9", ""),
+        ("bladder-elasticity", elastic, "size_n = 40.0\ngrowth = 8.0"),
+        ("creep", &*creep, "share = 0.04\ntime_constant_s = 4.0"),
+        ("friction", "force_n = 6.0", ""),
+        ("payload", "mass_kg = 1.5", ""),
+        ("valve-dead-zone", "half_width_pa = 9e3", ""),
+        ("valve-lag", "time_constant_s = 0.04", ""),
+        ("transport-delay", "delay_s = 0.03", ""),
+        ("supply-droop", reservoir, ""),
+        ("pressure-sensor-offset", "offset_pa = 4e3", ""),
+        ("contraction-sensor-offset", "offset = 0.01", ""),
+        ("force-sensor-offset", "offset_n = 8.0", ""),
+    ] {
+        compare(name, built_in, if own.is_empty() { built_in } else { own });
+    }
+}
+
+/// A Maxwell element with one slider, by an update after each step, is the play operator.
+#[test]
+fn a_memory_is_updated_after_each_step() {
+    let declared = "[own_effect.slider]\nsubsystem = \"muscle-force\"\n\
+        parameter.held_n = { unit = \"N\", min = 0, max = 1e3, typical = 10, neutral = 0 }\n\
+        parameter.reach = { unit = \"1\", min = 1e-3, max = 0.1, typical = 0.01 }\n\
+        adds.force_n = \"-held_n * max(min((contraction - at) / reach, 1), -1)\"\n\
+        [own_effect.slider.state.at]\nunit = \"1\"\ntypical = 1\nsteady = \"contraction - reach\"\n\
+        update = \"max(min(at, contraction + reach), contraction - reach)\"\n\
+        after_contraction = \"contraction - reach\"\nafter_extension = \"contraction + reach\"\n";
+    let effect = "[[effect]]\nname = \"slider\"\nheld_n = 10.0\nreach = 0.01\n";
+    let rig = rig("", &format!("{declared}{effect}")).expect("a rig");
+    let drive = steps(1e-3);
+    let found = simulate(&rig, &drive, 1e-6).expect("simulated");
+    let nominal = Rig::reference().nominal;
+    let columns = [PRESSURE_PA, CONTRACTION, FORCE_N];
+    let [pressure_pa, contraction, force_n] =
+        columns.map(|column| found.require(column).expect("a column"));
+    let held_n = |row: usize| {
+        let pressure = model_core::pressure::GaugePa(pressure_pa[row]);
+        nominal.muscle.force_n(contraction[row], pressure) - force_n[row]
+    };
+    // What was before the record is estimated.
+    let mut at = contraction[0] - 0.01 * held_n(0) / 10.0;
+    for row in 0..force_n.len() {
+        at = at.clamp(contraction[row] - 0.01, contraction[row] + 0.01);
+        let expected_n = 10.0 * (contraction[row] - at) / 0.01;
+        // Between two rows 1 ms apart the muscle may turn: at 100 m/s² it moves some 0.01 mm.
+        let difference_n = (held_n(row) - expected_n).abs();
+        assert!(difference_n < 0.05, "row {row}: {difference_n}");
+    }
+}
+
+#[test]
+fn what_cannot_be_simulated_is_told_with_its_line() {
+    let head = "subsystem = \"gas\"\nparameter.g_kg_per_pa_s = { unit = \"kg/(Pa·s)\", min = 0, \
+                max = 1e-6, typical = 4e-9, neutral = 0 }\n";
+    let state = "state.x = { unit = \"1\", typical = 1, steady = \"0\", rate = \"RATE\" }\n";
+    let out = "adds.outflow_kg_per_s = ";
+    for (body, line, expected) in [
+        (
+            format!("{head}{out}\"g_kg_per_pa_s * presure_pa\""),
+            4,
+            "did you mean pressure_pa?",
+        ),
+        (
+            format!("{head}{out}\"g_kg_per_pa_s * (pressure_pa - temperature_k)\""),
+            4,
+            "expected one unit, found [Pa] in `pressure_pa` and [K] in `temperature_k`",
+        ),
+        (
+            format!("{head}{out}\"g_kg_per_pa_s * pressure_pa / 3e5\""),
+            4,
+            "",
+        ),
+        (
+            format!("{head}{out}\"g_kg_per_pa_s\""),
+            4,
+            "expected an expression in [kg·s^-1], found [m·s]",
+        ),
+        (
+            format!("{head}{out}\"g_kg_per_pa_s * pressure_pa * max(sign(time_s), 0)\""),
+            0,
+            "",
+        ),
+        (
+            format!(
+                "{head}{out}\"g_kg_per_pa_s * pressure_pa * sign(temperature_k - 3 * ambient_temperature_k / 3)\""
+            ),
+            4,
+            "expected expressions without jumps but at reversals (`direction`), found one at",
+        ),
+        (
+            format!(
+                "{head}{}{out}\"g_kg_per_pa_s * pressure_pa * x\"",
+                state.replace("RATE", "-1e6 * x")
+            ),
+            4,
+            "expected an expression in [Hz], found [1]",
+        ),
+        (
+            format!(
+                "{head}constant.fast_per_s = {{ unit = \"1/s\", value = 1e6 }}\n{}{out}\
+                 \"g_kg_per_pa_s * pressure_pa * x\"",
+                state.replace("RATE", "-fast_per_s * x")
+            ),
+            6,
+            "expected states with time constants of at least 2e-5 s, found 1.0e-6 s",
+        ),
+        (
+            format!("{head}{out}\"pressure_pa * 0 + g_kg_per_pa_s *\""),
+            4,
+            "its end",
+        ),
+        (
+            format!("{head}adds.inflow = \"1\""),
+            4,
+            "one of outflow_kg_per_s, heat_transfer",
+        ),
+        (
+            "subsystem = \"gass\"\nadds.x = \"1\"".into(),
+            2,
+            "did you mean gas?",
+        ),
+        (
+            "subsystem = \"supply\"\nadds.supply_pa = \"-drawn_kg_per_s * 1e9\"".into(),
+            3,
+            "found \"drawn_kg_per_s\"",
+        ),
+        (
+            "subsystem = \"sensor\"\nadds.force_n = \"-1.5 * force_n\"".into(),
+            3,
+            "the reading could not be inverted (an algebraic loop)",
+        ),
+        (
+            "subsystem = \"gas\"\nadd.x = \"1\"".into(),
+            3,
+            "unknown field `add`",
+        ),
+        (
+            format!(
+                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
+                head.replace("4e-9", "4e-5")
+            ),
+            3,
+            "`typical` in its range",
+        ),
+        (
+            format!(
+                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
+                head.replace("Pa·s", "bar·s")
+            ),
+            3,
+            "expected a unit of 1, -, kg",
+        ),
+        (
+            format!(
+                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
+                head.replace("neutral = 0", "neutral = 1e-9")
+            ),
+            4,
+            "expected nothing to be added where all parameters are `neutral`",
+        ),
+    ] {
+        let text = format!("[own_effect.mine]\n{body}\n");
+        match (from_toml("mine.toml", &text), expected) {
+            (Ok(_), "") => {}
+            (Ok(_), _) => panic!("taken: {text}"),
+            (Err(error), "") => assert!(error.line.is_some(), "{error}"),
+            (Err(error), expected) => {
+                assert_eq!(error.line, Some(line), "{error}\n{text}");
+                let error = error.to_string();
+                assert!(
+                    error.starts_with("mine.toml:") && error.contains(expected),
+                    "{error}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_file_beside_the_rig_is_read_and_written_into_a_rig_elsewhere() {
+    let folder = tempfile::tempdir().expect("a folder");
+    fs::write(folder.path().join("mine.toml"), EXAMPLES).expect("written");
+    let path = folder.path().join("rig.toml");
+    let text = Rig::REFERENCE_TOML.replacen(
+        "schema = 1\n",
+        "schema = 1\nown_effect_files = [\"mine.toml\"]\n",
+        1,
+    );
+    fs::write(&path, &text).expect("written");
+    let mut rig = Rig::read(&path).expect("a rig");
+    let kind = rig.catalogue.find("leak").expect("the leak");
+    rig.effects
+        .push(muscle_plant::effects::Effect::typical(kind, &kind.forms[0]));
+    let elsewhere = rig.rewritten(&text).expect("TOML");
+    let again = Rig::parse("elsewhere.toml", &elsewhere).expect("a rig");
+    assert_eq!(again.effects[0].form.name, "own");
+    assert!(elsewhere.contains("# Pressure that the bladder does not transmit yet"));
+    assert_eq!(again.rewritten(&elsewhere).as_ref(), Ok(&elsewhere));
+    let missing = text.replace("mine.toml", "none.toml");
+    let name = path.display().to_string();
+    let error = Rig::parse(&name, &missing)
+        .expect_err("no such file")
+        .to_string();
+    assert!(
+        error.contains("none.toml: expected a readable TOML file of effects"),
+        "{error}"
+    );
+}
+
+/// Every block of TOML in docs/own-effect.md that declares an effect is one.
+#[test]
+fn the_guide_declares_effects_that_are_taken() {
+    let blocks = GUIDE.split("```toml\n").skip(1);
+    let blocks: Vec<_> = blocks
+        .filter_map(|block| block.split("```").next())
+        .collect();
+    let declared = blocks.iter().filter(|block| block.contains("[own_effect."));
+    let mut count = 0;
+    for block in declared {
+        count += from_toml("own-effect.md", block).expect("effects").len();
+    }
+    assert!(count >= 2, "{count}");
+    assert!(
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../docs/examples/own-effects.toml")
+            .exists()
+    );
+}
