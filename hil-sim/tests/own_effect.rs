@@ -37,7 +37,13 @@ fn compare(name: &str, built_in: &str, own: &str) {
     let effect = |lines: &str| format!("[[effect]]\nname = \"{name}\"\n{lines}\n");
     let of_catalogue = rig("", &effect(built_in)).expect("a rig");
     let of_example = rig("", &format!("{}{EXAMPLES}", effect(own))).expect("a rig");
-    assert_eq!(of_example.effects[0].form.name, "own");
+    let kind = of_example.effects[0].kind;
+    assert!(
+        of_catalogue
+            .catalogue
+            .find(name)
+            .is_some_and(|other| !std::ptr::eq(other, kind))
+    );
     let drive = steps(0.01);
     let [expected, found] = [&of_catalogue, &of_example]
         .map(|rig| simulate(rig, &drive, 1e-8).unwrap_or_else(|error| panic!("{name}: {error}")));
@@ -51,7 +57,13 @@ fn compare(name: &str, built_in: &str, own: &str) {
             let differences = of.iter().zip(expected).map(|(a, b)| (a - b).abs() / range);
             differences.fold(0.0, f64::max)
         };
-        assert!(largest(found) < 1e-5, "{name} {column}: {}", largest(found));
+        // A static excess makes the motion sensitive to the instant of the start.
+        let near = if built_in.contains("static_ratio") {
+            3e-4
+        } else {
+            1e-5
+        };
+        assert!(largest(found) < near, "{name} {column}: {}", largest(found));
         changed |= largest(nominal) > 1e-4;
     }
     assert!(changed, "{name} changes nothing");
@@ -62,12 +74,33 @@ fn the_examples_are_simulated_as_the_effects_of_the_catalogue() {
     let area_m2 = Rig::reference().nominal.muscle.force_per_pressure_m2(0.0);
     let creep = format!("force_n = {}\ntime_constant_s = 4.0", 0.04 * area_m2 * 3e5);
     let elastic = "force_n = 40.0\ngrowth = 8.0";
+    let sticky = "force_n = 6.0\nstatic_ratio = 1.4";
     let reservoir = "reservoir_volume_m3 = 8e-4\nrecovery_time_s = 3.0";
     for (name, built_in, own) in [
         ("leak", "conductance_kg_per_pa_s = 6e-9", ""),
         ("bladder-elasticity", elastic, "size_n = 40.0\ngrowth = 8.0"),
         ("creep", &*creep, "share = 0.04\ntime_constant_s = 4.0"),
+        (
+            "leak",
+            "form = \"orifice\"\nconductance_kg_per_pa_s = 6e-9",
+            "",
+        ),
+        (
+            "leak",
+            "form = \"power\"\nconductance_kg_per_pa_s = 6e-9\npower = 1.7",
+            "",
+        ),
         ("friction", "force_n = 6.0", ""),
+        (
+            "friction",
+            &format!("form = \"stribeck\"\n{sticky}\nspeed_m_per_s = 0.02"),
+            &format!("form = \"stribeck\"\n{sticky}\nstribeck_m_per_s = 0.02"),
+        ),
+        (
+            "friction",
+            &format!("form = \"lugre\"\n{sticky}\ndeflection_m = 3e-4"),
+            "",
+        ),
         ("payload", "mass_kg = 1.5", ""),
         ("valve-dead-zone", "half_width_pa = 9e3", ""),
         ("valve-lag", "time_constant_s = 0.04", ""),
@@ -259,7 +292,7 @@ fn a_file_beside_the_rig_is_read_and_written_into_a_rig_elsewhere() {
         .push(muscle_plant::effects::Effect::typical(kind, &kind.forms[0]));
     let elsewhere = rig.rewritten(&text).expect("TOML");
     let again = Rig::parse("elsewhere.toml", &elsewhere).expect("a rig");
-    assert_eq!(again.effects[0].form.name, "own");
+    assert_eq!(again.effects[0].form.source, kind.forms[0].source);
     assert!(elsewhere.contains("# Pressure that the bladder does not transmit yet"));
     assert_eq!(again.rewritten(&elsewhere).as_ref(), Ok(&elsewhere));
     let missing = text.replace("mine.toml", "none.toml");

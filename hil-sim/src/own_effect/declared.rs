@@ -23,7 +23,7 @@ const PARAMETERS_MAX: usize = 5;
 /// States at most.
 const STATES_MAX: usize = 6;
 
-/// One table.
+/// One table: an effect with one form, which stands in the table itself, or with several.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Declared {
@@ -32,11 +32,25 @@ struct Declared {
     signature: String,
     #[serde(default = "not_stated")]
     test_signal: String,
+    discrepancy_ratio: Option<Spanned<f64>>,
+    #[serde(default)]
+    form: IndexMap<String, Spanned<DeclaredForm>>,
+    source: Option<String>,
+    leaves_out: Option<String>,
+    parameter: Option<IndexMap<String, Spanned<DeclaredParameter>>>,
+    constant: Option<IndexMap<String, Spanned<Constant>>>,
+    state: Option<IndexMap<String, Spanned<DeclaredState>>>,
+    adds: Option<Spanned<IndexMap<String, Spanned<String>>>>,
+}
+
+/// One set of equations.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeclaredForm {
     #[serde(default = "not_stated")]
     source: String,
     #[serde(default = "nothing_stated")]
     leaves_out: String,
-    discrepancy_ratio: Option<Spanned<f64>>,
     #[serde(default)]
     parameter: IndexMap<String, Spanned<DeclaredParameter>>,
     #[serde(default)]
@@ -46,7 +60,7 @@ struct Declared {
     adds: Spanned<IndexMap<String, Spanned<String>>>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct DeclaredParameter {
     unit: Option<String>,
@@ -62,14 +76,14 @@ struct DeclaredParameter {
     physical_max: bool,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Constant {
     unit: Option<String>,
     value: f64,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct DeclaredState {
     unit: Option<String>,
@@ -150,10 +164,100 @@ fn kind(name: &str, declared: &Spanned<Declared>) -> Result<&'static EffectKind,
     if name.is_empty() || !name.chars().all(is_kebab) {
         return Err(wrong("a name of small letters, digits and hyphens"));
     }
-    let kind = Reading::new(declared.get_ref())?.kind(name)?;
+    let kind = with_forms(name, declared)?;
     let kind: &'static EffectKind = Box::leak(Box::new(kind));
     known.insert(identity, kind);
     Ok(kind)
+}
+
+/// The name of a form that stands in the effect's own table.
+const ONLY_FORM: &str = "own";
+
+fn with_forms(name: &str, spanned: &Spanned<Declared>) -> Result<EffectKind, Wrong> {
+    let declared = spanned.get_ref();
+    let (subsystem, place) = place(&declared.subsystem)?;
+    let only = declared.adds.as_ref().map(|adds| DeclaredForm {
+        source: declared.source.clone().unwrap_or_else(not_stated),
+        leaves_out: declared.leaves_out.clone().unwrap_or_else(nothing_stated),
+        parameter: declared.parameter.clone().unwrap_or_default(),
+        constant: declared.constant.clone().unwrap_or_default(),
+        state: declared.state.clone().unwrap_or_default(),
+        adds: adds.clone(),
+    });
+    let inline =
+        declared.parameter.is_some() || declared.constant.is_some() || declared.state.is_some();
+    if only.is_some() != declared.form.is_empty() || inline && only.is_none() {
+        return Err(Wrong {
+            key: ".adds".into(),
+            span: spanned.span(),
+            expected: "what the effect `adds`, or tables `form.NAME` that each say so".into(),
+        });
+    }
+    let form = |own: &DeclaredForm, form: &str, key: String| {
+        let read = Reading::new(own, subsystem, place).and_then(|reading| reading.form(form));
+        read.map_err(|wrong| Wrong {
+            key: key + &wrong.key,
+            ..wrong
+        })
+    };
+    let forms: Vec<Form> = match &only {
+        Some(own) => vec![form(own, ONLY_FORM, String::new())?],
+        None => declared
+            .form
+            .iter()
+            .map(|(name, own)| form(own.get_ref(), name, format!(".form.{name}")))
+            .collect::<Result<_, _>>()?,
+    };
+    let discrepancy_ratio = declared.discrepancy_ratio.as_ref();
+    if let Some(ratio) = discrepancy_ratio.filter(|ratio| !(0.0..1.0).contains(ratio.get_ref())) {
+        return Err(Wrong {
+            key: ".discrepancy_ratio".into(),
+            span: ratio.span(),
+            expected: format!("a number from 0 to 1, found {}", ratio.get_ref()),
+        });
+    }
+    let adds = |quantity: &str| {
+        let forms = only
+            .iter()
+            .chain(declared.form.values().map(Spanned::get_ref));
+        forms
+            .into_iter()
+            .any(|own| own.adds.get_ref().contains_key(quantity))
+    };
+    let (equations, requires) = shows(subsystem, adds);
+    Ok(EffectKind {
+        name: leaked(name),
+        subsystem,
+        equations,
+        requires,
+        signature: leaked(&declared.signature),
+        test_signal: leaked(&declared.test_signal),
+        discrepancy_ratio: discrepancy_ratio.map_or(DISCREPANCY_RATIO, |ratio| *ratio.get_ref()),
+        compensation: CompensationMethod::Unavailable(
+            "the controller does not know effects of one's own",
+        ),
+        forms: forms.leak(),
+    })
+}
+
+/// The equations that an effect of `subsystem` changes, and what a record must contain.
+fn shows(
+    subsystem: Subsystem,
+    adds: impl Fn(&str) -> bool,
+) -> (&'static [Equation], &'static [Requirement]) {
+    match subsystem {
+        Subsystem::MuscleForce => (&[Equation::MuscleForce], &[]),
+        Subsystem::Load => (&[Equation::Load], &[Requirement::Motion]),
+        Subsystem::Sensor if adds("contraction") => {
+            (&[Equation::Gas, Equation::MuscleForce, Equation::Load], &[])
+        }
+        Subsystem::Sensor if adds("pressure_pa") => (&[Equation::Gas, Equation::MuscleForce], &[]),
+        Subsystem::Sensor => (
+            &[Equation::MuscleForce, Equation::Load],
+            &[Requirement::MeasuredForce],
+        ),
+        _ => (&[Equation::Gas], &[]),
+    }
 }
 
 /// The subsystem of that name.
@@ -177,10 +281,10 @@ fn place(name: &Spanned<String>) -> Result<(Subsystem, Place), Wrong> {
     })
 }
 
-/// A declaration whose names are known: inputs, states, parameters and constants, with a dimension
+/// A form whose names are known: inputs, states, parameters and constants, with a dimension
 /// for each that has a unit.
 struct Reading<'a> {
-    declared: &'a Declared,
+    declared: &'a DeclaredForm,
     subsystem: Subsystem,
     place: Place,
     names: Vec<&'a str>,
@@ -188,8 +292,11 @@ struct Reading<'a> {
 }
 
 impl<'a> Reading<'a> {
-    fn new(declared: &'a Declared) -> Result<Reading<'a>, Wrong> {
-        let (subsystem, place) = place(&declared.subsystem)?;
+    fn new(
+        declared: &'a DeclaredForm,
+        subsystem: Subsystem,
+        place: Place,
+    ) -> Result<Reading<'a>, Wrong> {
         let mut reading = Reading {
             declared,
             subsystem,
@@ -439,7 +546,7 @@ impl<'a> Reading<'a> {
         })
     }
 
-    fn kind(&self, name: &str) -> Result<EffectKind, Wrong> {
+    fn form(&self, name: &str) -> Result<Form, Wrong> {
         let declared = self.declared;
         let parameters = declared.parameter.iter();
         let parameters = parameters.map(|(name, own)| self.parameter(name, own));
@@ -447,27 +554,17 @@ impl<'a> Reading<'a> {
         let parameters: &'static [Parameter] = parameters.leak();
         let term = self.term()?;
         let bind = move |values: &[f64]| bound(&term, values);
-        tried::check(&bind, parameters, &self.place, &self.names[..VALUES_MAX]).map_err(|why| {
-            Wrong {
-                key: ".adds".into(),
-                span: declared.adds.span(),
-                expected: why,
-            }
+        let tried = tried::check(&bind, parameters, &self.place, &self.names[..VALUES_MAX]);
+        tried.map_err(|why| Wrong {
+            key: ".adds".into(),
+            span: declared.adds.span(),
+            expected: why,
         })?;
-        let discrepancy_ratio = declared.discrepancy_ratio.as_ref();
-        if let Some(ratio) = discrepancy_ratio.filter(|ratio| !(0.0..1.0).contains(ratio.get_ref()))
-        {
-            return Err(Wrong {
-                key: ".discrepancy_ratio".into(),
-                span: ratio.span(),
-                expected: format!("a number from 0 to 1, found {}", ratio.get_ref()),
-            });
-        }
         let bind: &'static (dyn Fn(&[f64]) -> OwnTerm + Sync) = Box::leak(Box::new(bind));
         let make = self.place.term;
         let is_muscle = self.subsystem == Subsystem::MuscleForce && !declared.state.is_empty();
-        let form = Form {
-            name: "own",
+        Ok(Form {
+            name: leaked(name),
             parameters,
             equation: leaked(&self.equation()),
             source: leaked(&declared.source),
@@ -480,42 +577,7 @@ impl<'a> Reading<'a> {
             } else {
                 None
             },
-        };
-        let (equations, requires) = self.shows();
-        Ok(EffectKind {
-            name: leaked(name),
-            subsystem: self.subsystem,
-            equations,
-            requires,
-            signature: leaked(&declared.signature),
-            test_signal: leaked(&declared.test_signal),
-            discrepancy_ratio: discrepancy_ratio
-                .map_or(DISCREPANCY_RATIO, |ratio| *ratio.get_ref()),
-            compensation: CompensationMethod::Unavailable(
-                "the controller does not know effects of one's own",
-            ),
-            forms: vec![form].leak(),
         })
-    }
-
-    /// The equations that it changes, and what a record must contain.
-    fn shows(&self) -> (&'static [Equation], &'static [Requirement]) {
-        let adds = self.declared.adds.get_ref();
-        match self.subsystem {
-            Subsystem::MuscleForce => (&[Equation::MuscleForce], &[]),
-            Subsystem::Load => (&[Equation::Load], &[Requirement::Motion]),
-            Subsystem::Sensor if adds.contains_key("contraction") => {
-                (&[Equation::Gas, Equation::MuscleForce, Equation::Load], &[])
-            }
-            Subsystem::Sensor if adds.contains_key("pressure_pa") => {
-                (&[Equation::Gas, Equation::MuscleForce], &[])
-            }
-            Subsystem::Sensor => (
-                &[Equation::MuscleForce, Equation::Load],
-                &[Requirement::MeasuredForce],
-            ),
-            _ => (&[Equation::Gas], &[]),
-        }
     }
 
     /// What is added, and how the states change, as it was written.
