@@ -3,12 +3,15 @@
 //! Except for the cylinder's, the licences of the data sets do not permit a copy here: they are in
 //! a folder that the user names, one folder per set, as records or CSV in SI units. No number here
 //! is fitted to them: [`muscle`] starts from the braid's geometry, [`cylinder`] from the bore,
-//! [`tanks`] from the description of the benchmark.
+//! [`benchmarks`] from their descriptions.
 
+pub mod benchmarks;
 pub mod cylinder;
 pub mod muscle;
+/// The plants that are built with the packaged estimator, too.
+#[path = "../../plants/src/lib.rs"]
+pub mod plants;
 pub mod report;
-pub mod tanks;
 
 use hil_sim::report::Plot;
 use model_discrepancy::engine::{Candidate, Model, Parameter};
@@ -120,7 +123,6 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 pub fn all(folder: &Path) -> Vec<Outcome> {
     let mut outcomes = muscle::all(folder);
     outcomes.extend(cylinder::all(folder));
-    outcomes.extend(tanks::all(folder));
     outcomes
 }
 

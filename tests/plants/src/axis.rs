@@ -1,5 +1,5 @@
 //! An electro-mechanical axis: a car on a ball screw, driven by a DC motor (Janot, Gautier & Brunot
-//! 2019). F = M a + Fv v + (Fc + Fs exp(−|v|/vs)) sgn v + F0, the force of the drive.
+//! 2019). F = M a + Fv v + Fc sgn v + F0, the force of the drive.
 //!
 //! What is missed is smoothed: its slow part tells of friction, the fast one of inertia and delays.
 
@@ -8,16 +8,9 @@ use super::{Law, Present, candidate, parameter, scale};
 use model_discrepancy::engine::Candidate;
 use std::path::Path;
 
-/// M \[kg\], Fv \[N·s/m\], Fc, Fs \[N\] and F0 \[N\] with standard deviations: of a data sheet, of
+/// M \[kg\], Fv \[N·s/m\], Fc \[N\] and F0 \[N\] with standard deviations: of a data sheet, of
 /// friction that nobody knows, and of an analog output's zero, 10 mV at 35 N/V.
-const NOMINAL: [(f64, f64); 5] = [
-    (95.0, 10.0),
-    (200.0, 60.0),
-    (20.0, 6.0),
-    (0.0, 6.0),
-    (0.0, 0.35),
-];
-const STRIBECK_M_PER_S: f64 = 0.01;
+const NOMINAL: [(f64, f64); 4] = [(95.0, 10.0), (200.0, 60.0), (20.0, 6.0), (0.0, 0.35)];
 /// Noise of a smoothed row \[N\].
 pub const NOISE_N: f64 = 0.1;
 /// Samples \[s\], those that are averaged before all else and for the slow part, and from row to
@@ -30,23 +23,26 @@ const LASTS_S: f64 = 0.1;
 
 /// A record.
 pub struct Axis {
+    /// Force of the drive \[N\].
     pub force_n: Vec<f64>,
+    /// Position of the car \[m\].
     pub position_m: Vec<f64>,
     smooth_n: Vec<f64>,
     speed: Vec<f64>,
     acceleration: Vec<f64>,
 }
 
-/// M, Fv, Fc, Fs and F0.
-pub fn values(nominal: &[f64]) -> [f64; 5] {
+/// M, Fv, Fc and F0.
+pub fn values(nominal: &[f64]) -> [f64; 4] {
     std::array::from_fn(|i| NOMINAL[i].0 + NOMINAL[i].1 * nominal[i])
 }
 
 /// Force \[N\] against a motion, but for inertia.
 pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64)) -> f64 {
-    let [_, viscous, coulomb, breakaway, constant] = values(nominal);
+    let [_, viscous, coulomb, constant] = values(nominal);
     let size = |effect| effects.size(effect);
-    let friction = coulomb + breakaway * (-v.abs() / STRIBECK_M_PER_S).exp();
+    let width = effects.value("stribeck", 1).max(1e-9);
+    let friction = coulomb + effects.size("stribeck") * (-v.abs() / width).exp();
     let uneven = effects.value("asymmetric-friction", 1) * v.abs();
     let [sine, cosine, pitch] = std::array::from_fn(|i| effects.value("screw-ripple", i));
     let angle = std::f64::consts::TAU * x / if pitch > 0.0 { pitch } else { 1.0 };
@@ -57,6 +53,7 @@ pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64)) -> f64
 }
 
 impl Axis {
+    /// A record of the benchmark; `None` if it cannot be read.
     pub fn read(path: &Path) -> Option<Axis> {
         let [force_n, position_m] = columns(path, ["force_n", "position_m"])?;
         let speed = rate(&smooth(&position_m, AVERAGED), SAMPLE_S);
@@ -87,6 +84,8 @@ impl Law for Axis {
         let drag = parameter("n_s2_per_m2", "N·s²/m²", (-2e3, 2e3), 300.0);
         let spring = parameter("n_per_m", "N/m", (-500.0, 500.0), 20.0);
         let pitch = scale("pitch_m", "m", (2e-3, 0.1), 0.01);
+        let speed = scale("speed_m_per_s", "m/s", (1e-4, 0.1), 0.01);
+        let stribeck = [force("more_n"), speed];
         let ripple = [force("sine_n"), force("cosine_n"), pitch];
         let uneven = [force("difference_n"), viscous];
         let both = &[0, 1];
@@ -94,6 +93,7 @@ impl Law for Axis {
             candidate("asymmetric-friction", "coulomb", both, &uneven[..1]),
             candidate("asymmetric-friction", "viscous", both, &uneven),
             candidate("delay", "pure", both, &[delay]),
+            candidate("stribeck", "exponential", both, &stribeck),
             candidate("drag", "quadratic", both, &[drag]),
             candidate("cable-spring", "linear", both, &[spring]),
             candidate("friction-along-screw", "linear", both, &[spring]),

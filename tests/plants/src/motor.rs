@@ -14,11 +14,13 @@ const NOMINAL: [(f64, f64, &[usize]); 5] = [
     (4e-3, 0.2, &[1]),
 ];
 const INDUCTANCE_H: f64 = 1e-3;
+/// The gear's ratio.
 pub const RATIO: f64 = 20.0;
 /// Noise of a row of each block \[V\], \[N·m\], \[rad\].
 const NOISE: [f64; 3] = [5e-3, 1.2e-4, 1e-3];
-/// Samples \[s\], and those before and after one over which a balance is taken.
+/// Samples \[s\].
 pub const SAMPLE_S: f64 = 2e-3;
+/// Samples before and after one over which a balance is taken.
 const REACH: usize = 5;
 /// Speed below which the motion may reverse \[rad/s\].
 const TURNING_RAD_PER_S: f64 = 1.0;
@@ -26,10 +28,15 @@ const TURNING_RAD_PER_S: f64 = 1.0;
 /// A record.
 #[derive(Default)]
 pub struct Motor {
+    /// Voltage \[V\].
     pub volt: Vec<f64>,
+    /// Current \[A\].
     pub ampere: Vec<f64>,
+    /// Speed of the motor \[rad/s\].
     pub speed_rad_per_s: Vec<f64>,
+    /// Angle of the motor \[rad\].
     pub motor_rad: Vec<f64>,
+    /// Angle of the load \[rad\].
     pub load_rad: Vec<f64>,
 }
 

@@ -23,6 +23,7 @@ pub struct Oscillator {
     /// Force \[N\] at each half of a step, from `lead` samples before the first position.
     drive_n: Vec<f64>,
     lead: usize,
+    /// Position \[m\].
     pub position_m: Vec<f64>,
 }
 

@@ -11,8 +11,9 @@ use std::path::Path;
 /// half full at half of the pump's voltage, and the standard deviation of their logarithms.
 const NOMINAL: [f64; 4] = [0.05, 0.05, 0.04, 5.0];
 const SIGMA: f64 = 0.5;
-/// Noise at the published 40 dB below the signal \[V\], and where the sensor and the tank end \[V\].
+/// Noise at the published 40 dB below the signal \[V\].
 const NOISE_V: f64 = 0.02;
+/// Where the sensor, and the lower tank with it, ends \[V\].
 pub const MOST_V: f64 = 10.0;
 /// Samples \[s\], integration steps in each, and one in the tanks' time constant, 100 s.
 const SAMPLE_S: f64 = 4.0;
@@ -23,13 +24,16 @@ const HORIZON: usize = 4;
 
 /// A record.
 pub struct Tanks {
+    /// Voltage of the pump \[V\].
     pub pump_v: Vec<f64>,
+    /// The lower level as its sensor reads it \[V\].
     pub level_v: Vec<f64>,
     /// Whether the level is simulated from the first sample on, instead of over each horizon.
     pub simulated: bool,
 }
 
 impl Tanks {
+    /// A record of the benchmark; `None` if it cannot be read.
     pub fn read(path: &Path, simulated: bool) -> Option<Tanks> {
         let [pump_v, level_v] = columns(path, ["pump_volt", "lower_tank_level_volt"])?;
         Some(Tanks {
