@@ -52,7 +52,7 @@ const MULTISINE_PUBLISHED: [(&str, f64); 3] = [
     ("polynomial nonlinear state space", 1.87),
 ];
 const SWEEP: &str = "Bouc–Wen: RMSE on the sine sweep";
-/// M \[kg\], Fv \[N·s/m\], Fc and F0 \[N\] as published for the axis (Janot, Gautier & Brunot 2019).
+/// M \[kg\], Fv \[N·s/m\], Fc and F0 \[N\] as published for the axis (Janot et al. 2019).
 const AXIS_PUBLISHED: [f64; 4] = [95.11, 203.5, 20.39, -3.16];
 /// Pass band of the axis' measures \[Hz\], and rows at either end that are left out.
 const BAND_HZ: f64 = 100.0;
@@ -152,8 +152,8 @@ fn low_pass(values: &[f64], share: f64, quality: f64) -> Vec<f64> {
     pass(pass(values.to_vec()))
 }
 
-/// Residual of the force over a record as a share of its RMS, with the motion by a Butterworth filter
-/// of fourth order forth and back, as published, and the force as it was recorded.
+/// Residual of the force over a record as a share of its RMS, with the motion by a Butterworth
+/// filter of fourth order forth and back, and the force as it was recorded.
 fn force_share(record: &axis::Axis, nominal: &[f64], effects: &Present) -> f64 {
     let share = BAND_HZ * axis::SAMPLE_S;
     // The qualities of a Butterworth filter of fourth order.

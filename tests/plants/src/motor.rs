@@ -1,11 +1,12 @@
 //! A DC motor with a gear and encoders on both of its shafts: u = R i + K ω + L i' of the winding,
-//! K i = J ω' + b ω + T sgn ω of the torque, and the load's angle, the motor's over the gear's ratio.
+//! K i = J ω' + b ω + T sgn ω of the torque, and the load's angle, which is the motor's over the
+//! gear's ratio.
 
 use super::{Law, Present, candidate, parameter, scale};
 use model_discrepancy::engine::Candidate;
 
-/// R \[Ω\], K \[V·s\], J \[kg·m²\], b \[N·m·s\] and T \[N·m\] with relative tolerances of a data sheet, and
-/// the blocks that depend on each.
+/// R \[Ω\], K \[V·s\], J \[kg·m²\], b \[N·m·s\] and T \[N·m\] with relative tolerances of a data
+/// sheet, and the blocks that depend on each.
 const NOMINAL: [(f64, f64, &[usize]); 5] = [
     (1.0, 0.05, &[0]),
     (0.05, 0.03, &[0, 1]),

@@ -6,8 +6,8 @@ use super::{Law, Present, candidate, parameter, scale};
 use model_discrepancy::engine::Candidate;
 use std::path::Path;
 
-/// m \[kg\], c \[N·s/m\] and k \[N/m\] with standard deviations: m and c are published, of k only that
-/// the resonance is near 35 Hz at small amplitudes.
+/// m \[kg\], c \[N·s/m\] and k \[N/m\] with standard deviations: m and c are published, of k only
+/// that the resonance is near 35 Hz at small amplitudes.
 const NOMINAL: [(f64, f64); 3] = [(2.0, 0.1), (10.0, 3.0), (1e5, 5e4)];
 /// Noise of the mean period's position \[m\], by what periods differ.
 pub const NOISE_M: f64 = 5e-6;

@@ -66,8 +66,13 @@ fn run(fault: Fault, seed: u64) -> Motor {
     run
 }
 
-fn diagnosed(fault: Fault, seed: u64) -> (Selection, Vec<&'static str>) {
-    let motor = Plant::new(vec![run(fault, seed), run(fault, seed + 1000)], 1);
+/// A run to be fitted, and one to be predicted.
+fn twice(fault: Fault, seed: u64) -> Vec<Motor> {
+    vec![run(fault, seed), run(fault, seed + 1000)]
+}
+
+fn diagnosed(runs: Vec<Motor>) -> (Selection, Vec<&'static str>) {
+    let motor = Plant::new(runs, 1);
     let engine = Engine::new(&motor);
     let selection = select(&engine, Costs::default(), &|_| ()).expect("a diagnosis");
     let named = selection.named.candidates.iter();
@@ -79,7 +84,7 @@ fn diagnosed(fault: Fault, seed: u64) -> (Selection, Vec<&'static str>) {
 #[test]
 fn a_healthy_motor_has_no_effect() {
     for seed in 1..=10 {
-        let (selection, named) = diagnosed(Fault::default(), seed);
+        let (selection, named) = diagnosed(twice(Fault::default(), seed));
         assert_eq!(
             selection.verdict,
             Verdict::Consistent,
@@ -95,7 +100,7 @@ fn a_play_is_named_and_its_width_found() {
             play_rad: 0.02,
             ..Fault::default()
         };
-        let (selection, named) = diagnosed(fault, seed);
+        let (selection, named) = diagnosed(twice(fault, seed));
         assert_eq!(named, ["backlash"], "seed {seed}: {:?}", selection.verdict);
         let width = selection.named.fit.effects[0].1[0];
         assert!((width - 0.02).abs() < 0.003, "seed {seed}: {width} rad");
@@ -109,7 +114,19 @@ fn a_dry_bearing_is_named() {
             dry_n_m: 8e-3,
             ..Fault::default()
         };
-        let (selection, named) = diagnosed(fault, seed);
+        let (selection, named) = diagnosed(twice(fault, seed));
         assert_eq!(named, ["friction"], "seed {seed}: {:?}", selection.verdict);
     }
+}
+
+/// Where nothing is held out, nothing speaks against what is named.
+#[test]
+fn a_single_run_can_be_explained() {
+    let fault = Fault {
+        dry_n_m: 8e-3,
+        ..Fault::default()
+    };
+    let (selection, named) = diagnosed(vec![run(fault, 1)]);
+    assert_eq!(named, ["friction"]);
+    assert_eq!(selection.verdict, Verdict::Explained);
 }
