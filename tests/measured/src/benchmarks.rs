@@ -87,7 +87,7 @@ fn named(outcome: &Outcome) -> String {
     if names.is_empty() {
         "this method, which names nothing".into()
     } else {
-        format!("this method: {}", names.join(" and "))
+        format!("this method: {}", names.join(", "))
     }
 }
 

@@ -16,6 +16,8 @@ pub mod report;
 use hil_sim::report::Plot;
 use model_discrepancy::engine::{Candidate, Model, Parameter};
 use model_discrepancy::verdict::Selection;
+use plants::parameter;
+use plants::signal::rms;
 use serde::Serialize;
 use std::path::Path;
 
@@ -113,12 +115,6 @@ impl Outcome {
     }
 }
 
-/// Root mean square.
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0_f64), |(sum, count), v| (sum + v * v, count + 1.0));
-    (sum / count.max(1.0)).sqrt()
-}
-
 /// Diagnoses every set in `folder`; missing sets are reported on stderr.
 pub fn all(folder: &Path) -> Vec<Outcome> {
     let mut outcomes = muscle::all(folder);
@@ -175,18 +171,5 @@ fn candidate(
         parameters,
         blocks: vec![0],
         form_doubt: 0.05,
-    }
-}
-
-/// A parameter with a given typical value.
-fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        range,
-        usual,
-        log: false,
-        neutral: Some(0.0),
-        ends: [false; 2],
     }
 }
