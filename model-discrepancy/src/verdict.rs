@@ -352,10 +352,10 @@ fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
 
 /// Whether what is named predicts the records that were not fitted: it removes half of what is
 /// missed there without it, if that is more than noise. Laws that explain all records, but with
-/// other values in each, do not.
+/// other values in each, do not. Where no record is held out, nothing speaks against it.
 fn predicts<M: Model>(model: &M, null: &Hypothesis, named: &Hypothesis) -> bool {
     let ((before, deviation), (after, _)) = (excess(model, null), excess(model, named));
-    named.candidates.is_empty() || before < NOISE * deviation || after < 0.5 * before
+    named.candidates.is_empty() || before <= NOISE * deviation || after < 0.5 * before
 }
 
 /// Blocks in which probably something is left beside what is named.

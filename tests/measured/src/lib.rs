@@ -3,16 +3,21 @@
 //! Except for the cylinder's, the licences of the data sets do not permit a copy here: they are in
 //! a folder that the user names, one folder per set, as records or CSV in SI units. No number here
 //! is fitted to them: [`muscle`] starts from the braid's geometry, [`cylinder`] from the bore,
-//! [`tanks`] from the description of the benchmark.
+//! [`benchmarks`] from their descriptions.
 
+pub mod benchmarks;
 pub mod cylinder;
 pub mod muscle;
+/// The plants that are built with the packaged estimator, too.
+#[path = "../../plants/src/lib.rs"]
+pub mod plants;
 pub mod report;
-pub mod tanks;
 
 use hil_sim::report::Plot;
 use model_discrepancy::engine::{Candidate, Model, Parameter};
 use model_discrepancy::verdict::Selection;
+use plants::parameter;
+use plants::signal::rms;
 use serde::Serialize;
 use std::path::Path;
 
@@ -110,17 +115,10 @@ impl Outcome {
     }
 }
 
-/// Root mean square.
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) = values.fold((0.0, 0.0_f64), |(sum, count), v| (sum + v * v, count + 1.0));
-    (sum / count.max(1.0)).sqrt()
-}
-
 /// Diagnoses every set in `folder`; missing sets are reported on stderr.
 pub fn all(folder: &Path) -> Vec<Outcome> {
     let mut outcomes = muscle::all(folder);
     outcomes.extend(cylinder::all(folder));
-    outcomes.extend(tanks::all(folder));
     outcomes
 }
 
@@ -173,18 +171,5 @@ fn candidate(
         parameters,
         blocks: vec![0],
         form_doubt: 0.05,
-    }
-}
-
-/// A parameter with a given typical value.
-fn parameter(name: &'static str, unit: &'static str, range: (f64, f64), usual: f64) -> Parameter {
-    Parameter {
-        name,
-        unit,
-        range,
-        usual,
-        log: false,
-        neutral: Some(0.0),
-        ends: [false; 2],
     }
 }

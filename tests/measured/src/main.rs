@@ -15,6 +15,9 @@ struct Args {
     /// Folder for the results, made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/measured")]
     out: PathBuf,
+    /// Only the published benchmarks: tanks, EMPS, Bouc–Wen
+    #[arg(long)]
+    benchmarks: bool,
 }
 
 fn main() -> ExitCode {
@@ -28,15 +31,24 @@ fn main() -> ExitCode {
         );
         return ExitCode::from(2);
     };
-    let outcomes = measured::all(&folder);
-    let report = measured::report::report(&outcomes);
+    let (benchmarks, figures) = measured::benchmarks::all(&folder);
+    let mut outcomes = if args.benchmarks {
+        Vec::new()
+    } else {
+        measured::all(&folder)
+    };
+    outcomes.extend(benchmarks);
+    let report = measured::report::report(&outcomes, &figures);
     let json = serde_json::to_string_pretty(&outcomes).unwrap_or_default() + "\n";
     let written = std::fs::create_dir_all(&args.out).map_err(|error| error.to_string());
     let written = written.and_then(|()| {
         let files = [
             ("report.html", report.to_html()),
             ("measured.json", json),
-            ("measured.md", measured::report::markdown(&outcomes)),
+            (
+                "measured.md",
+                measured::report::markdown(&outcomes, &figures),
+            ),
         ];
         files.iter().try_for_each(|(name, text)| {
             let path = args.out.join(name);
