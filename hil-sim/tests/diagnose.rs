@@ -131,6 +131,70 @@ fn few() -> Vec<&'static str> {
     others.flat_map(|name| ["--without", name]).collect()
 }
 
+/// A cog that the catalogue lacks gets no name, but a formula: with it the rig predicts a record
+/// that nothing has seen, and it is a file of effects of one's own.
+#[test]
+fn what_has_no_name_gets_a_formula_that_predicts() {
+    let case = hiding(6161, &["cogging"]);
+    let bench = Bench::of(&case);
+    bench.write("a.csv", &case.fit[0]);
+    bench.write("b.csv", &case.validate[0]);
+    bench.write("c.csv", &case.fit[1]);
+    bench.write("d.csv", &case.validate[1]);
+    bench.write("unseen.csv", &case.unseen[0]);
+    let without = few();
+    let more = [
+        "--fit",
+        "c.csv",
+        "--validate",
+        "d.csv",
+        "--add",
+        "formula.toml",
+    ];
+    let arguments = [&without[..], &more].concat();
+    let (status, message) = bench.run("b.csv", &arguments);
+    assert_eq!(status, Some(0), "{message}");
+    let diagnosis = bench.diagnosis();
+    assert_eq!(diagnosis["verdict"], "unexplained");
+    assert_eq!(diagnosis["effects"], serde_json::json!([]));
+    let terms = diagnosis["formula"]["terms"].as_array().expect("terms");
+    assert_eq!(terms[0]["name"], "formula-load-by-turns", "{terms:?}");
+    let contraction = |record: &str| -> Vec<f64> {
+        let record = hil_sim::record::Record::parse("record.csv", record.as_bytes());
+        let record = record.expect("a record");
+        record.require("contraction").expect("the column").to_vec()
+    };
+    let measured = contraction(&case.unseen[0]);
+    let gap = |rig: &str| -> f64 {
+        let folder = bench.folder.path();
+        let status = Command::new(env!("CARGO_BIN_EXE_hil-sim"))
+            .current_dir(folder)
+            .args([
+                "-q",
+                "simulate",
+                "--drive",
+                "unseen.csv",
+                "--out",
+                "s.csv",
+                "--rig",
+                rig,
+            ])
+            .status();
+        assert!(status.expect("the program runs").success());
+        let simulated = std::fs::read_to_string(folder.join("s.csv")).expect("a record");
+        let pairs = contraction(&simulated).into_iter().zip(&measured);
+        let squares = pairs
+            .map(|(is, was)| (is - was).powi(2))
+            .filter(|square| !square.is_nan());
+        (squares.sum::<f64>() / measured.len() as f64).sqrt()
+    };
+    let [nominal, fitted] = ["rig.toml", "out/rig.fitted.toml"].map(gap);
+    assert!(fitted < 0.5 * nominal, "{nominal} {fitted}");
+    let declared = std::fs::read_to_string(bench.folder.path().join("formula.toml"));
+    let declared = hil_sim::own_effect::from_toml("formula.toml", &declared.expect("written"));
+    assert_eq!(declared.expect("effects").len(), terms.len());
+}
+
 #[test]
 fn insufficient_records_are_refused() {
     let bench = Bench::new();

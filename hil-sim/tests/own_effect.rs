@@ -104,6 +104,11 @@ fn the_examples_are_simulated_as_the_effects_of_the_catalogue() {
         ("payload", "mass_kg = 1.5", ""),
         ("valve-dead-zone", "half_width_pa = 9e3", ""),
         ("valve-lag", "time_constant_s = 0.04", ""),
+        (
+            "valve-lag",
+            "form = \"second-order\"\ntime_constant_s = 0.04\ndamping_ratio = 0.5",
+            "",
+        ),
         ("transport-delay", "delay_s = 0.03", ""),
         ("supply-droop", reservoir, ""),
         ("pressure-sensor-offset", "offset_pa = 4e3", ""),
@@ -138,141 +143,86 @@ fn a_memory_is_updated_after_each_step() {
     };
     // What was before the record is estimated.
     let mut at = contraction[0] - 0.01 * held_n(0) / 10.0;
-    for row in 0..force_n.len() {
-        at = at.clamp(contraction[row] - 0.01, contraction[row] + 0.01);
-        let expected_n = 10.0 * (contraction[row] - at) / 0.01;
+    for (row, contraction) in contraction.iter().enumerate() {
+        at = at.clamp(contraction - 0.01, contraction + 0.01);
+        let expected_n = 10.0 * (contraction - at) / 0.01;
         // Between two rows 1 ms apart the muscle may turn: at 100 m/s² it moves some 0.01 mm.
         let difference_n = (held_n(row) - expected_n).abs();
         assert!(difference_n < 0.05, "row {row}: {difference_n}");
     }
 }
 
+const LEAK: &str = "subsystem = \"gas\"\nparameter.g_kg_per_pa_s = { unit = \"kg/(Pa·s)\", \
+                    min = 0, max = 1e-6, typical = 4e-9, neutral = 0 }\n";
+const FLOW: &str = "adds.outflow_kg_per_s = \"g_kg_per_pa_s * pressure_pa\"";
+const STATE: &str = "state.x = { unit = \"1\", typical = 1, steady = \"0\", rate = \"RATE\" }\n";
+
+/// The table `body` is refused at this line of the file.
+fn assert_refused(body: &str, line: usize, expected: &str) {
+    let text = format!("[own_effect.mine]\n{body}\n");
+    let error = from_toml("mine.toml", &text).expect_err(body);
+    assert_eq!(error.line, Some(line), "{error}\n{text}");
+    let error = error.to_string();
+    assert!(
+        error.starts_with("mine.toml:") && error.contains(expected),
+        "{error}"
+    );
+}
+
+#[test]
+fn wrong_names_and_units_are_told_with_their_line() {
+    let flow = |expression: &str| {
+        format!("{LEAK}adds.outflow_kg_per_s = \"g_kg_per_pa_s * {expression}\"")
+    };
+    assert_refused(&flow("presure_pa"), 4, "did you mean pressure_pa?");
+    let units = "expected one unit, found [Pa] in `pressure_pa` and [K] in `temperature_k`";
+    assert_refused(&flow("(pressure_pa - temperature_k)"), 4, units);
+    let of_flow = "expected an expression in [kg·s^-1], found [";
+    assert_refused(&flow("pressure_pa / 3e5 * 1 * temperature_k"), 4, of_flow);
+    assert_refused(&flow("1"), 4, of_flow);
+    assert_refused(&flow(""), 4, "a number, a name or `(`, found its end");
+    let bar = LEAK.replace("Pa·s", "bar·s") + FLOW;
+    assert_refused(&bar, 3, "expected a unit of 1, -, kg");
+    let inflow = format!("{LEAK}adds.inflow = \"1\"");
+    assert_refused(&inflow, 4, "one of outflow_kg_per_s, heat_transfer");
+    let gass = "subsystem = \"gass\"\nadds.x = \"1\"";
+    assert_refused(gass, 2, "did you mean gas?");
+    let add = "subsystem = \"gas\"\nadd.x = \"1\"";
+    assert_refused(add, 3, "unknown field `add`");
+    let nothing = "subsystem = \"gas\"\nsource = \"a hole\"";
+    assert_refused(nothing, 1, "what the effect `adds`");
+}
+
 #[test]
 fn what_cannot_be_simulated_is_told_with_its_line() {
-    let head = "subsystem = \"gas\"\nparameter.g_kg_per_pa_s = { unit = \"kg/(Pa·s)\", min = 0, \
-                max = 1e-6, typical = 4e-9, neutral = 0 }\n";
-    let state = "state.x = { unit = \"1\", typical = 1, steady = \"0\", rate = \"RATE\" }\n";
-    let out = "adds.outflow_kg_per_s = ";
-    for (body, line, expected) in [
-        (
-            format!("{head}{out}\"g_kg_per_pa_s * presure_pa\""),
-            4,
-            "did you mean pressure_pa?",
-        ),
-        (
-            format!("{head}{out}\"g_kg_per_pa_s * (pressure_pa - temperature_k)\""),
-            4,
-            "expected one unit, found [Pa] in `pressure_pa` and [K] in `temperature_k`",
-        ),
-        (
-            format!("{head}{out}\"g_kg_per_pa_s * pressure_pa / 3e5\""),
-            4,
-            "",
-        ),
-        (
-            format!("{head}{out}\"g_kg_per_pa_s\""),
-            4,
-            "expected an expression in [kg·s^-1], found [m·s]",
-        ),
-        (
-            format!("{head}{out}\"g_kg_per_pa_s * pressure_pa * max(sign(time_s), 0)\""),
-            0,
-            "",
-        ),
-        (
-            format!(
-                "{head}{out}\"g_kg_per_pa_s * pressure_pa * sign(temperature_k - 3 * ambient_temperature_k / 3)\""
-            ),
-            4,
-            "expected expressions without jumps but at reversals (`direction`), found one at",
-        ),
-        (
-            format!(
-                "{head}{}{out}\"g_kg_per_pa_s * pressure_pa * x\"",
-                state.replace("RATE", "-1e6 * x")
-            ),
-            4,
-            "expected an expression in [Hz], found [1]",
-        ),
-        (
-            format!(
-                "{head}constant.fast_per_s = {{ unit = \"1/s\", value = 1e6 }}\n{}{out}\
-                 \"g_kg_per_pa_s * pressure_pa * x\"",
-                state.replace("RATE", "-fast_per_s * x")
-            ),
-            6,
-            "expected states with time constants of at least 2e-5 s, found 1.0e-6 s",
-        ),
-        (
-            format!("{head}{out}\"pressure_pa * 0 + g_kg_per_pa_s *\""),
-            4,
-            "its end",
-        ),
-        (
-            format!("{head}adds.inflow = \"1\""),
-            4,
-            "one of outflow_kg_per_s, heat_transfer",
-        ),
-        (
-            "subsystem = \"gass\"\nadds.x = \"1\"".into(),
-            2,
-            "did you mean gas?",
-        ),
-        (
-            "subsystem = \"supply\"\nadds.supply_pa = \"-drawn_kg_per_s * 1e9\"".into(),
-            3,
-            "found \"drawn_kg_per_s\"",
-        ),
-        (
-            "subsystem = \"sensor\"\nadds.force_n = \"-1.5 * force_n\"".into(),
-            3,
-            "the reading could not be inverted (an algebraic loop)",
-        ),
-        (
-            "subsystem = \"gas\"\nadd.x = \"1\"".into(),
-            3,
-            "unknown field `add`",
-        ),
-        (
-            format!(
-                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
-                head.replace("4e-9", "4e-5")
-            ),
-            3,
-            "`typical` in its range",
-        ),
-        (
-            format!(
-                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
-                head.replace("Pa·s", "bar·s")
-            ),
-            3,
-            "expected a unit of 1, -, kg",
-        ),
-        (
-            format!(
-                "{}{out}\"g_kg_per_pa_s * pressure_pa\"",
-                head.replace("neutral = 0", "neutral = 1e-9")
-            ),
-            4,
-            "expected nothing to be added where all parameters are `neutral`",
-        ),
-    ] {
-        let text = format!("[own_effect.mine]\n{body}\n");
-        match (from_toml("mine.toml", &text), expected) {
-            (Ok(_), "") => {}
-            (Ok(_), _) => panic!("taken: {text}"),
-            (Err(error), "") => assert!(error.line.is_some(), "{error}"),
-            (Err(error), expected) => {
-                assert_eq!(error.line, Some(line), "{error}\n{text}");
-                let error = error.to_string();
-                assert!(
-                    error.starts_with("mine.toml:") && error.contains(expected),
-                    "{error}"
-                );
-            }
-        }
-    }
+    let jump = "g_kg_per_pa_s * pressure_pa * sign(temperature_k - ambient_temperature_k)";
+    let jump = format!("{LEAK}adds.outflow_kg_per_s = \"{jump}\"");
+    let found = "expected expressions without jumps but at reversals (`direction`), found one at";
+    assert_refused(&jump, 4, found);
+    let with_state = |constant: &str, rate: &str| {
+        let state = STATE.replace("RATE", rate);
+        format!(
+            "{LEAK}{constant}{state}adds.outflow_kg_per_s = \"g_kg_per_pa_s * pressure_pa * x\""
+        )
+    };
+    let no_rate = "expected an expression in [Hz], found [1]";
+    assert_refused(&with_state("", "-1e6 * x"), 4, no_rate);
+    let fast = "constant.fast_per_s = { unit = \"1/s\", value = 1e6 }\n";
+    let stiff = "expected states with time constants of at least 2e-5 s, found 1.0e-6 s";
+    assert_refused(&with_state(fast, "-fast_per_s * x"), 6, stiff);
+    let supply = "subsystem = \"supply\"\nadds.supply_pa = \"-drawn_kg_per_s * 1e9\"";
+    assert_refused(supply, 3, "found \"drawn_kg_per_s\"");
+    let sensor = "subsystem = \"sensor\"\nadds.force_n = \"-1.5 * force_n\"";
+    let loops = "the reading could not be inverted (an algebraic loop)";
+    assert_refused(sensor, 3, loops);
+    let infinite =
+        format!("{LEAK}adds.outflow_kg_per_s = \"g_kg_per_pa_s * pressure_pa / (1 - 1)\"");
+    assert_refused(&infinite, 4, "expected ");
+    let large = LEAK.replace("4e-9", "4e-5") + FLOW;
+    assert_refused(&large, 3, "`typical` in its range");
+    let neutral = LEAK.replace("neutral = 0", "neutral = 1e-9") + FLOW;
+    let added = "expected nothing to be added where all parameters are `neutral`";
+    assert_refused(&neutral, 4, added);
 }
 
 #[test]

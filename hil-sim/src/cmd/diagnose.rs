@@ -5,6 +5,7 @@ use super::Progress;
 use hil_sim::error::{BadInput, one_of};
 use hil_sim::identify::diagnosis::{Diagnosis, Options};
 use hil_sim::identify::files::{Files, diagnose_files};
+use hil_sim::identify::formula::as_own_effects;
 use hil_sim::identify::leak_down::leak_down;
 use hil_sim::identify::provenance::file_hash;
 use hil_sim::identify::report;
@@ -41,6 +42,10 @@ pub struct Args {
     /// Folder for the results, created if it does not exist
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// A file to write the formula to, if one was found for what has no name: effects of your own,
+    /// to be renamed
+    #[arg(long, value_name = "EFFECTS.toml", requires = "rig")]
+    add: Option<PathBuf>,
     /// Take a rig without tolerances: every nominal value is exact. Refused if the rig has some
     #[arg(long, requires = "rig")]
     exact: bool,
@@ -229,6 +234,12 @@ fn of_rig(args: &Args, path: &Path) -> Result<(), Failure> {
     let catalogue = &diagnosed.fitted.catalogue;
     let diagnosis = &diagnosed.diagnosis;
     write(args, diagnosis, catalogue, shown, Some(&rig_toml))?;
+    if let Some(path) = &args.add {
+        match as_own_effects(&diagnosed.fitted) {
+            Some(declared) => write_atomically(path, declared.as_bytes())?,
+            None => super::note(format_args!("{}: not written, no formula", path.display())),
+        }
+    }
     super::note_left_out(fit.iter().chain(&validate));
     Ok(())
 }

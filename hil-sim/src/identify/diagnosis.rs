@@ -6,6 +6,7 @@
 
 use super::muscle::{Calibrated, MuscleModel};
 use crate::error::{BadInput, significant};
+use crate::identify::formula::{self, Estimate, Formula};
 use crate::identify::gap;
 use crate::identify::inputs::above_vacuum;
 use crate::identify::simulate::{simulate, simulated};
@@ -23,17 +24,6 @@ use serde::Serialize;
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::time::Instant;
-
-/// A parameter of a named effect.
-#[derive(Clone, Debug, Serialize)]
-pub struct Estimate {
-    /// Its value, in `unit`.
-    pub value: f64,
-    /// Its 95 % confidence interval.
-    pub ci95: [f64; 2],
-    /// Its unit.
-    pub unit: &'static str,
-}
 
 /// Why an effect is named.
 #[derive(Clone, Debug, Serialize)]
@@ -187,6 +177,8 @@ pub struct Diagnosis {
     pub gap: Vec<(&'static str, GapOf)>,
     /// What is left.
     pub remaining: Remaining,
+    /// What is left as a sum of terms, if one explains it: no name, and held by the fitted rig.
+    pub formula: Option<Formula>,
     /// The experiment that would tell more.
     pub next_experiment: String,
     /// Nominal values that were calibrated.
@@ -315,24 +307,27 @@ pub fn diagnose(
     let nominal_runs = validate.par_iter().map(simulated);
     let nominal_runs = nominal_runs.collect::<Result<Vec<_>, BadInput>>()?;
     let mut run = FreeRuns::new(rig, &engine, &selection, (validate, &nominal_runs))?;
-    let is_worse = |(_, gap): &(&str, GapOf)| gap.after > gap.before;
-    let names_something = !selection.named.candidates.is_empty();
-    if names_something && !run.gap.is_empty() && run.gap.iter().all(is_worse) {
+    if !selection.named.candidates.is_empty() && run.is_worse_everywhere() {
         selection = selection.unnamed();
         run = FreeRuns::new(rig, &engine, &selection, (validate, &nominal_runs))?;
     }
+    clock.lap("simulations");
+    let left = |block: &usize| model.blocks()[*block];
+    let places = selection.left.iter().map(left);
+    let places: Vec<_> = places.flat_map(|block| model.places(block)).collect();
+    let records = (fit, validate, &nominal_runs[..]);
+    let (formula, run) = with_formula(rig, run, &places, records, options, watch)?;
+    clock.lap("formula");
     let FreeRuns {
         nominal,
         fitted,
         free_runs,
         gap,
     } = run;
-    clock.lap("simulations");
     let taken = &selection.estimated;
     let effects = named(&engine, &selection, taken);
     clock.lap("intervals");
     let blocks = blocks(&model, &selection.null, taken);
-    let left = |block: &usize| model.blocks()[*block];
     let of_left = blocks
         .iter()
         .enumerate()
@@ -349,15 +344,12 @@ pub fn diagnose(
         effects,
         gap,
         remaining: Remaining {
-            places: selection
-                .left
-                .iter()
-                .flat_map(|block| model.places(left(block)))
-                .collect(),
+            places,
             when: words.join("; "),
         },
         calibrated,
         blocks,
+        formula,
         hypotheses: hypotheses(&selection, |unknown| model.unknown_in(unknown)),
         warnings,
         stages: clock.stages,
@@ -384,8 +376,23 @@ impl FreeRuns {
         selection: &Selection,
         (validate, nominal_runs): (&[Record], &[Record]),
     ) -> Result<FreeRuns, BadInput> {
-        let taken = &selection.estimated;
-        let nominal = nominal_of(engine, selection, taken);
+        let nominal = nominal_of(engine, selection, &selection.estimated);
+        FreeRuns::of(
+            rig,
+            engine,
+            &selection.estimated,
+            nominal,
+            (validate, nominal_runs),
+        )
+    }
+
+    fn of(
+        rig: &Rig,
+        engine: &Engine<MuscleModel>,
+        taken: &Fitted,
+        nominal: Vec<f64>,
+        (validate, nominal_runs): (&[Record], &[Record]),
+    ) -> Result<FreeRuns, BadInput> {
         let fitted = engine.model.fitted(&nominal, &taken.fit.effects);
         let free_run = |(record, nominal): (&Record, &Record)| {
             let run = simulate(&fitted, record, TOLERANCE);
@@ -408,6 +415,118 @@ impl FreeRuns {
             gap,
         })
     }
+
+    /// Whether every signal is predicted worse than by the nominal rig.
+    fn is_worse_everywhere(&self) -> bool {
+        let is_worse = |(_, gap): &(&str, GapOf)| gap.after > gap.before;
+        !self.gap.is_empty() && self.gap.iter().all(is_worse)
+    }
+
+    /// The gap of each signal here and in `other`.
+    fn pairs(&self, other: &FreeRuns) -> impl Iterator<Item = (&'static str, GapOf, GapOf)> {
+        self.gap.iter().filter_map(|(signal, before)| {
+            let mut known = other.gap.iter();
+            let (_, after) = known.find(|(known, _)| known == signal)?;
+            Some((*signal, *before, *after))
+        })
+    }
+
+    /// Whether no signal is predicted worse than by `other`, and the one that `other` misses most
+    /// is predicted better.
+    fn predicts_better_than(&self, other: &FreeRuns) -> bool {
+        let is_no_worse =
+            |(_, before, after): (_, GapOf, GapOf)| !after.remains() || after.after <= before.after;
+        let times_noise = |gap: &GapOf| gap.after / gap.noise;
+        let most = other.pairs(self);
+        let most = most.max_by(|(_, a, _), (_, b, _)| times_noise(a).total_cmp(&times_noise(b)));
+        other.pairs(self).all(is_no_worse)
+            && most.is_some_and(|(_, before, after)| after.after < before.after)
+    }
+}
+
+/// A formula for what `run` leaves in `places`, and the free runs of the rig with it; none where
+/// nothing is left, or nothing is found.
+fn with_formula(
+    rig: &Rig,
+    run: FreeRuns,
+    places: &[&str],
+    records: (&[Record], &[Record], &[Record]),
+    options: &Options,
+    watch: Watch,
+) -> Result<(Option<Formula>, FreeRuns), BadInput> {
+    let found = match places {
+        [] => None,
+        places => formula_of(rig, &run, places, records, options, watch)?,
+    };
+    Ok(match found {
+        Some((formula, better)) => (Some(formula), better),
+        None => (None, run),
+    })
+}
+
+/// The terms of the most probable set, whatever is unknown beside them. None if these predict some
+/// signal of the validation records worse, or the signal that is missed most no better.
+fn formula_of(
+    rig: &Rig,
+    run: &FreeRuns,
+    places: &[&str],
+    (fit, validate, nominal_runs): (&[Record], &[Record], &[Record]),
+    options: &Options,
+    watch: Watch,
+) -> Result<Option<(Formula, FreeRuns)>, BadInput> {
+    watch(Step::Stage("formula", 0));
+    let mut base = rig.clone();
+    base.effects.clone_from(&run.fitted.effects);
+    let base = formula::with_terms(&base, places)?;
+    let model = MuscleModel::new(&base, fit, validate, &[])?;
+    let engine = Engine::new(&model);
+    let selection = select(&engine, options.costs, watch);
+    let Some((selection, taken)) = selection.and_then(|selection| {
+        let taken = most_probable(&engine, &selection)?;
+        Some((selection, taken))
+    }) else {
+        return Ok(None);
+    };
+    let nominal = model.readable(model.refined(&taken.fit.nominal, &taken.fit.effects));
+    // A formula with which the rig cannot follow the records is none.
+    let better = FreeRuns::of(&base, &engine, &taken, nominal, (validate, nominal_runs));
+    let Some(mut better) = better
+        .ok()
+        .filter(|better| better.predicts_better_than(run))
+    else {
+        return Ok(None);
+    };
+    let removed = run.pairs(&better).map(|(signal, before, after)| {
+        let gap = GapOf::new([before.after, after.after, after.noise]);
+        (signal, gap.removed)
+    });
+    let found = Formula {
+        removed: removed.collect(),
+        supported: formula::supported(fit),
+        terms: formula::terms(&engine, &selection, &taken),
+    };
+    let kinds = better.fitted.effects.iter().map(|own| own.kind);
+    let terms: Vec<_> = kinds.filter(|kind| formula::is_term(kind)).collect();
+    let declared = formula::declarations(&base, &better.fitted.effects);
+    better.fitted.catalogue = rig.catalogue.clone();
+    better.fitted.declare(terms.into_iter(), &declared);
+    Ok(Some((found, better)))
+}
+
+/// The most probable set of effects in their best forms; none if that set is empty.
+fn most_probable(engine: &Engine<MuscleModel>, selection: &Selection) -> Option<Fitted> {
+    let set = selection.posterior.first()?;
+    let all = engine.model.candidates();
+    let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
+    for name in &set.effects {
+        let forms = (0..all.len()).filter(|own| all[*own].effect == *name);
+        let longer = |form: usize| sets.iter().map(move |set| [&set[..], &[form]].concat());
+        sets = forms.flat_map(longer).collect();
+    }
+    let fits = sets.iter().filter(|set| !set.is_empty());
+    let fits = fits.filter_map(|set| engine.hypothesis(set));
+    let best = fits.min_by(|a, b| a.fit.score().total_cmp(&b.fit.score()))?;
+    engine.estimated(&best).or(Some(best))
 }
 
 /// What is expected of a rig of which calibrated values are no plant that can follow `record`.

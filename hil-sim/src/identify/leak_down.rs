@@ -4,8 +4,9 @@
 //! its gauge pressure p: p(t) = p₀ exp(−t/τ), τ = V/(RθC) with the leak's conductance C.
 
 use super::diagnosis::{
-    Clock, Diagnosis, Estimate, Evidence, GapOf, Named, Options, Remaining, blocks, hypotheses,
+    Clock, Diagnosis, Evidence, GapOf, Named, Options, Remaining, blocks, hypotheses,
 };
+use super::formula::Estimate;
 use super::gap;
 use super::report::quantity;
 use crate::error::BadInput;
@@ -302,6 +303,7 @@ pub fn leak_down(
         },
         calibrated: Vec::new(),
         blocks,
+        formula: None,
         hypotheses: hypotheses(&selection, |unknown| match unknown {
             0 => Vec::new(),
             _ => vec![GAS],

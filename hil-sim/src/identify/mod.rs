@@ -4,6 +4,7 @@
 pub mod compare;
 pub mod diagnosis;
 pub mod files;
+pub mod formula;
 pub mod gap;
 mod initial;
 mod inputs;

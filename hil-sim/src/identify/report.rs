@@ -1,6 +1,7 @@
 //! The diagnosis as a person reads it.
 
 use super::diagnosis::{Diagnosis, GapOf, Hypothesis, Named};
+use super::formula::Formula;
 use crate::error::significant;
 use crate::identify::gap::{SIGNALS, Signal};
 use crate::record::Record;
@@ -157,6 +158,46 @@ fn posterior_in_words(diagnosis: &Diagnosis) -> String {
     format!("Probabilities: {}.", shown.join(", "))
 }
 
+/// What a formula adds, how much of the gap it removes, and where it holds.
+fn formula_in_words(formula: &Formula) -> String {
+    let terms = formula.terms.iter().map(|term| {
+        let values = term.parameters.iter().map(|(name, own)| {
+            let [low, high] = own.ci95.map(significant);
+            format!(
+                "{name} = {} {} ({low} to {high})",
+                significant(own.value),
+                own.unit
+            )
+        });
+        let values: Vec<_> = values.collect();
+        let certain = percent(term.probability);
+        format!("{} ({certain}): {}", term.expression, values.join(", "))
+    });
+    let removed = formula.removed.iter().filter_map(|(signal, share)| {
+        let share = share.as_ref()?;
+        Some(format!(
+            "{:.0} % of what was left of {signal}",
+            100.0 * share
+        ))
+    });
+    let supported = formula.supported.iter();
+    let supported = supported.map(|(input, [low, high])| {
+        format!(
+            "{input} from {} to {}",
+            significant(*low),
+            significant(*high)
+        )
+    });
+    let removed: Vec<_> = removed.collect();
+    format!(
+        "No name, but a formula, which rig.fitted.toml has: {}. It removes {} on records that were \
+         not fitted, and holds for {}.",
+        terms.collect::<Vec<_>>().join("; "),
+        removed.join(" and "),
+        supported.collect::<Vec<_>>().join(", ")
+    )
+}
+
 /// What was found, in sentences; the first is the headline.
 pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
     let gaps = gap_in_words(diagnosis).map_or_else(String::new, |words| format!("; {words}"));
@@ -194,6 +235,7 @@ pub fn sentences(diagnosis: &Diagnosis) -> Vec<String> {
             ));
         }
     }
+    said.extend(diagnosis.formula.as_ref().map(formula_in_words));
     said.extend(
         diagnosis
             .warnings
@@ -440,9 +482,16 @@ fn missing(diagnosis: &Diagnosis, catalogue: &Catalogue) -> Section {
         .flat_map(|effect| &effect.alternatives);
     let others = others.filter_map(|name| catalogue.find(name));
     let others = others.map(|kind| format!("It could also be {}: {}", kind.name, kind.signature));
+    let terms = diagnosis.formula.iter().flat_map(|formula| &formula.terms);
+    let terms = terms.map(|term| {
+        format!(
+            "A term without a name, {}: {}.",
+            term.place, term.expression
+        )
+    });
     let mut section = Section {
         heading: "What is missing".into(),
-        text: marks.chain(others).collect(),
+        text: marks.chain(others).chain(terms).collect(),
         ..Section::default()
     };
     if !diagnosis.effects.is_empty() {
@@ -537,6 +586,7 @@ mod tests {
             next_experiment: "none.".into(),
             calibrated: Vec::new(),
             blocks: Vec::new(),
+            formula: None,
             hypotheses: Vec::new(),
             warnings: Vec::new(),
             stages: Vec::new(),

@@ -277,7 +277,9 @@ impl Observation for OwnTerm {
 
 /// Implements [`Inputs`] for the point of a subsystem: its names with their values.
 macro_rules! inputs {
-    ($names:ident, $point:ty, $this:ident, $time:expr, { $($name:ident: $unit:literal = $value:expr,)* }) => {
+    ($names:ident, $point:ty, $this:ident, $time:expr, {
+        $($name:ident: $unit:literal = $value:expr,)*
+    }) => {
         /// The names of the inputs, with their units.
         pub(super) const $names: &[(&str, &str)] = &[$((stringify!($name), $unit)),*];
 

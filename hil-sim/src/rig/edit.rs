@@ -2,6 +2,7 @@
 
 use super::Rig;
 use super::read::OWN_FILES;
+use crate::own_effect;
 use muscle_plant::effects::Effect;
 
 impl Rig {
@@ -41,7 +42,17 @@ impl Rig {
         }
         // The files may not be beside what is written.
         document.remove(OWN_FILES);
-        let mut text = document.to_string() + &self.own_effects;
+        let mut declared: toml_edit::DocumentMut = self.own_effects.parse()?;
+        let known = document
+            .get(own_effect::KEY)
+            .and_then(|own| own.as_table_like());
+        if let (Some(known), Some(own)) = (known, declared.get_mut(own_effect::KEY)) {
+            // A formula that an earlier diagnosis has declared.
+            for (name, _) in known.iter() {
+                remove(Some(own), name);
+            }
+        }
+        let mut text = document.to_string() + &declared.to_string();
         for effect in self.effects.iter().skip(written) {
             if !text.ends_with("\n\n") {
                 text += if text.ends_with('\n') { "\n" } else { "\n\n" };

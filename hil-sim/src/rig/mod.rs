@@ -14,7 +14,7 @@ use crate::error::BadInput;
 use crate::input::read_text;
 use model_core::assist::Assist;
 use model_core::muscle::Volume;
-use muscle_plant::effects::{Catalogue, Effect};
+use muscle_plant::effects::{Catalogue, Effect, EffectKind};
 use muscle_plant::nominal::{Gas, Load, Nominal, Valve};
 use muscle_plant::simulation::{Plant, Simulated, SimulationError};
 use std::path::Path;
@@ -108,6 +108,12 @@ impl Rig {
         let rig = read::rig(catalogue, name, text)?;
         rig.check()?;
         Ok(rig)
+    }
+
+    /// Adds effects of one's own, which `toml` declares, to those that the file may name.
+    pub(crate) fn declare(&mut self, kinds: impl Iterator<Item = &'static EffectKind>, toml: &str) {
+        self.catalogue = kinds.fold(self.catalogue.clone(), Catalogue::with);
+        self.own_effects += toml;
     }
 
     /// Checks relations between values.

@@ -17,6 +17,13 @@ impl Catalogue {
         }
     }
 
+    /// No effect.
+    pub fn empty() -> Catalogue {
+        Catalogue {
+            kinds: Arc::default(),
+        }
+    }
+
     /// This catalogue with one effect more, in the place of one of the same name if there is one.
     #[must_use]
     pub fn with(self, kind: &'static EffectKind) -> Catalogue {

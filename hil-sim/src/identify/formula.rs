@@ -1,0 +1,279 @@
+//! A formula for what has no name: which terms of a list, over the inputs of the subsystem and its
+//! memories, explain what is left, by the same evidence that names effects.
+
+use super::muscle::MuscleModel;
+use crate::error::BadInput;
+use crate::own_effect;
+use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::rig::{Rig, effect_toml};
+use model_discrepancy::engine::{Active, Engine, Hypothesis, Model};
+use model_discrepancy::verdict::Selection;
+use muscle_plant::effects::{Catalogue, Effect, EffectKind};
+use muscle_plant::nominal::Load;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// The terms, each a table `[own_effect.NAME]` of its own paragraphs.
+const TERMS: &str = include_str!("terms.toml");
+/// The places of blocks.
+const ALL: [&str; 3] = ["muscle-force", "load", "gas"];
+/// With what their names begin.
+const PREFIX: &str = "formula-";
+
+/// A parameter of a named effect.
+#[derive(Clone, Debug, Serialize)]
+pub struct Estimate {
+    /// Its value, in `unit`.
+    pub value: f64,
+    /// Its 95 % confidence interval.
+    pub ci95: [f64; 2],
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+/// One term of a formula.
+#[derive(Clone, Debug, Serialize)]
+pub struct Term {
+    /// Its name in the fitted rig; it says what it depends on, not what it is.
+    pub name: &'static str,
+    /// The subsystem that it acts on.
+    #[serde(rename = "where")]
+    pub place: &'static str,
+    /// What is added, as an expression of inputs, states and parameters.
+    pub expression: &'static str,
+    /// Its parameters.
+    pub parameters: BTreeMap<&'static str, Estimate>,
+    /// Probability that the formula needs it.
+    pub probability: f64,
+}
+
+/// A sum of terms in the place of an effect without a name.
+#[derive(Clone, Debug, Serialize)]
+pub struct Formula {
+    /// The terms.
+    pub terms: Vec<Term>,
+    /// By signal: share of the gap above the noise that it removes on the validation records,
+    /// beside what is named; none where the gap was hardly above the noise.
+    pub removed: BTreeMap<&'static str, Option<f64>>,
+    /// The range of each input in the fitted records: it holds there only.
+    pub supported: BTreeMap<&'static str, [f64; 2]>,
+}
+
+/// The terms that act on one of the `places`, with sizes for the rig, as TOML.
+fn toml(rig: &Rig, places: &[&str]) -> String {
+    let muscle = &rig.nominal.muscle;
+    let force_n = match rig.nominal.load {
+        Load::Weight(weight) => weight.mass_kg * model_core::constants::GRAVITY_M_PER_S2,
+        Load::Prescribed => 1e5 * muscle.force_per_pressure_m2(0.0).abs(),
+    };
+    let valve = rig.nominal.valve.as_ref();
+    let flow = 1e5 * valve.map_or(1e-7, |valve| valve.flow_gain_kg_per_pa_s);
+    let number = |value: f64| format!("{value:.3e}");
+    let paragraphs = TERMS
+        .split("\n[own_effect.")
+        .skip(1)
+        .map(|rest| format!("[own_effect.{rest}"));
+    // A state's table belongs to the term before it.
+    let mut tables: Vec<String> = Vec::new();
+    for paragraph in paragraphs {
+        match tables.last_mut() {
+            Some(before)
+                if paragraph
+                    .lines()
+                    .next()
+                    .is_some_and(|head| head.contains(".state.") || head.contains(".form.")) =>
+            {
+                *before += "\n";
+                *before += &paragraph;
+            }
+            _ => tables.push(paragraph),
+        }
+    }
+    let acts = |table: &&String| {
+        // What is left of the gas may be the valve's.
+        let all = places.iter().flat_map(|place| match *place {
+            "gas" => vec!["gas", "valve"],
+            place => vec![place],
+        });
+        all.into_iter()
+            .any(|place| table.contains(&format!("subsystem = \"{place}\"")))
+    };
+    let chosen: Vec<_> = tables
+        .iter()
+        .filter(acts)
+        .map(|table| table.trim().to_owned())
+        .collect();
+    // The longer words first, of which others are a part.
+    chosen
+        .join("\n\n")
+        .replace("MANY_N", &number(10.0 * force_n))
+        .replace("FORCE_N", &number(0.05 * force_n))
+        .replace("MANY_FLOW", &number(2.0 * flow))
+        .replace("FLOW", &number(0.05 * flow))
+        .replace("PRESSURE_PA", "3e5")
+}
+
+/// `rig` with the terms on `places` in the place of all effects that may be found.
+///
+/// # Errors
+/// None that a test does not exclude.
+pub(super) fn with_terms(rig: &Rig, places: &[&str]) -> Result<Rig, BadInput> {
+    let declared = own_effect::from_toml("terms.toml", &toml(rig, places))?;
+    let catalogue = declared
+        .into_iter()
+        .fold(Catalogue::empty(), Catalogue::with);
+    let mut rig = rig.clone();
+    rig.catalogue = catalogue;
+    Ok(rig)
+}
+
+/// The tables of those `effects` that are terms, for a rig file.
+pub(super) fn declarations(rig: &Rig, effects: &[Effect]) -> String {
+    let all = toml(rig, &ALL);
+    let tables = all.split("\n\n").filter(|table| {
+        let is_of = |effect: &Effect| {
+            let head = format!("[own_effect.{}", effect.kind.name);
+            let rest = table.strip_prefix(&head);
+            rest.is_some_and(|rest| rest.starts_with([']', '.']))
+        };
+        effects.iter().any(is_of)
+    });
+    let tables: Vec<_> = tables.collect();
+    if tables.is_empty() {
+        String::new()
+    } else {
+        format!("\n{}\n", tables.join("\n\n"))
+    }
+}
+
+/// The effects of `taken`, the most probable set of `selection`, as terms.
+pub(super) fn terms(
+    engine: &Engine<MuscleModel>,
+    selection: &Selection,
+    taken: &Hypothesis,
+) -> Vec<Term> {
+    let is_certain = selection
+        .posterior
+        .first()
+        .is_some_and(|set| set.unknown == 0);
+    let intervals = match is_certain {
+        true => engine.intervals(taken),
+        false => engine.intervals_beside_unknown(taken),
+    };
+    let all = engine.model.candidates();
+    let of = |(place, (candidate, values)): (usize, &Active)| {
+        let own = &all[*candidate];
+        let kind = engine.model.catalogue().find(own.effect)?;
+        let parameters = own.parameters.iter().zip(values).enumerate();
+        let parameters = parameters.map(|(number, (parameter, value))| {
+            let (low, high) = parameter.range;
+            let known = intervals.as_ref().map(|all| all[place][number]);
+            let estimate = Estimate {
+                value: *value,
+                ci95: known.unwrap_or([low, high]),
+                unit: parameter.unit,
+            };
+            (parameter.name, estimate)
+        });
+        let sets = selection.posterior.iter();
+        let with = sets.filter(|set| set.effects.contains(&own.effect));
+        Some(Term {
+            name: kind.name,
+            place: kind.subsystem.name(),
+            expression: kind.form(own.form)?.equation,
+            parameters: parameters.collect(),
+            probability: with.map(|set| set.probability).sum::<f64>().min(1.0),
+        })
+    };
+    taken
+        .fit
+        .effects
+        .iter()
+        .enumerate()
+        .filter_map(of)
+        .collect()
+}
+
+/// Whether `kind` is a term of a formula.
+pub(super) fn is_term(kind: &EffectKind) -> bool {
+    kind.name.starts_with(PREFIX)
+}
+
+/// The range of each measured input of a formula in `records`.
+pub(super) fn supported(records: &[Record]) -> BTreeMap<&'static str, [f64; 2]> {
+    let range = |name: &'static str| {
+        let columns = records.iter().filter_map(|record| record.column(name));
+        let values = columns.flatten().copied().filter(|value| !value.is_nan());
+        let empty = [f64::INFINITY, f64::NEG_INFINITY];
+        let [low, high] = values.fold(empty, |[low, high], value| {
+            [low.min(value), high.max(value)]
+        });
+        (low <= high).then_some((name, [low, high]))
+    };
+    [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION]
+        .into_iter()
+        .filter_map(range)
+        .collect()
+}
+
+/// The formula's terms as a file of effects of one's own, to be renamed, with the lines that add
+/// them to a rig as comments.
+pub fn as_own_effects(fitted: &Rig) -> Option<String> {
+    let effects = fitted.effects.iter();
+    let effects: Vec<_> = effects.filter(|own| is_term(own.kind)).cloned().collect();
+    let declared = declarations(fitted, &effects);
+    if declared.is_empty() {
+        return None;
+    }
+    let lines = effects
+        .iter()
+        .map(effect_toml)
+        .collect::<Vec<_>>()
+        .join("\n");
+    let lines = lines
+        .lines()
+        .map(|line| format!("# {line}\n"))
+        .collect::<String>();
+    Some(format!(
+        "# A formula that diagnose found where no effect has a name. It holds in the range of its\n\
+         # records. Rename it when you know what it is. For a rig that has it:\n\
+         #\n{lines}{declared}"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_terms_are_effects_of_ones_own_for_any_rig() {
+        let rig = Rig::reference();
+        let terms = with_terms(&rig, &ALL).expect("terms");
+        assert_eq!(
+            terms.catalogue.kinds().count(),
+            TERMS.matches("\nsubsystem = ").count()
+        );
+        assert!(
+            terms
+                .catalogue
+                .kinds()
+                .all(|kind| kind.name.starts_with("formula-"))
+        );
+        let gas = with_terms(&rig, &["gas"]).expect("terms");
+        assert_eq!(gas.catalogue.kinds().count(), 5);
+        // Each can be written into a rig, and read again.
+        for kind in terms.catalogue.kinds() {
+            let mut with = rig.clone();
+            with.effects.push(Effect::typical(kind, &kind.forms[0]));
+            let declared = declarations(&rig, &with.effects);
+            let text = Rig::REFERENCE_TOML.to_owned() + &declared + &effect_toml(&with.effects[0]);
+            let read = Rig::parse("rig.toml", &text).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(read.effects[0].kind.name, kind.name);
+            assert!(as_own_effects(&read).is_some());
+            // Where the rig has it already, it is not declared again.
+            let mut again = read.clone();
+            again.declare(std::iter::once(kind), &declared);
+            assert_eq!(again.rewritten(&text).as_ref(), Ok(&text));
+        }
+    }
+}
