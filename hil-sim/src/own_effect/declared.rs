@@ -18,6 +18,8 @@ use std::sync::{Mutex, PoisonError};
 
 /// The key of the tables in a rig file.
 pub const KEY: &str = "own_effect";
+/// The key of the files beside a rig file that have such tables.
+pub const FILES_KEY: &str = "own_effect_files";
 /// Parameters at most: a diagnosis resolves no more.
 const PARAMETERS_MAX: usize = 5;
 /// States at most.

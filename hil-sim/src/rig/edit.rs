@@ -1,7 +1,6 @@
 //! Writing a rig file: changes keep comments and everything that stays the same.
 
 use super::Rig;
-use super::read::OWN_FILES;
 use crate::own_effect;
 use muscle_plant::effects::Effect;
 
@@ -41,7 +40,7 @@ impl Rig {
             }
         }
         // The files may not be beside what is written.
-        document.remove(OWN_FILES);
+        document.remove(own_effect::FILES_KEY);
         let mut declared: toml_edit::DocumentMut = self.own_effects.parse()?;
         let known = document
             .get(own_effect::KEY)

@@ -22,9 +22,6 @@ const SCHEMA: i64 = 1;
 /// The value of a number that has not been read yet.
 const UNREAD: f64 = f64::NAN;
 
-/// The key of the files beside the rig that declare effects.
-pub(super) const OWN_FILES: &str = "own_effect_files";
-
 /// Reads a rig from the text of the file `name`, with the effects of `catalogue`.
 pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, BadInput> {
     let document = Document::parse(text).map_err(|error| {
@@ -241,9 +238,9 @@ impl<'a> File<'a> {
     /// the text of the latter.
     fn with_own_effects(&self, table: &dyn TableLike) -> Result<(Catalogue, String), BadInput> {
         let (mut catalogue, mut texts) = (self.catalogue.clone(), String::new());
-        if let Some(item) = table.get(OWN_FILES) {
+        if let Some(item) = table.get(own_effect::FILES_KEY) {
             let expected = "an array of file names beside the rig, as [\"pulley.toml\"]";
-            let bad = || Section::root(self, table).bad(OWN_FILES, expected);
+            let bad = || Section::root(self, table).bad(own_effect::FILES_KEY, expected);
             let folder = Path::new(self.name).parent().unwrap_or(Path::new(""));
             for name in item.as_array().ok_or_else(bad)? {
                 let path = folder.join(name.as_str().ok_or_else(bad)?);
@@ -275,7 +272,7 @@ impl<'a> File<'a> {
                     "tolerance",
                     "effect",
                     own_effect::KEY,
-                    OWN_FILES,
+                    own_effect::FILES_KEY,
                     "provenance",
                 ],
             ]
