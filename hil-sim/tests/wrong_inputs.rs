@@ -317,8 +317,7 @@ const ARGUMENTS: [Wrong; 18] = [
     (
         || RECORD.into(),
         "diagnose --rig rig.toml --fit record.csv --validate wrong --without leek --out new",
-        "invalid value 'leek' for '--without <NAME>': expected one of …, found \"leek\": did you \
-         mean leak?",
+        "--without: expected one of …, found \"leek\": did you mean leak?",
     ),
     (
         Vec::new,
