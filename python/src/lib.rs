@@ -115,6 +115,7 @@ fn diagnosed(
                 wrong_name: costs.0,
                 missing_name: costs.1,
             },
+            ..Options::default()
         };
         let read = |records: Vec<GivenRecord>| -> Result<(Vec<Record>, Vec<_>), BadInput> {
             let taken = records

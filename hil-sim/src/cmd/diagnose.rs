@@ -46,6 +46,9 @@ pub struct Args {
     /// to be renamed
     #[arg(long, value_name = "EFFECTS.toml", requires = "rig")]
     add: Option<PathBuf>,
+    /// Look for no formula of what has no name, which takes about as long again
+    #[arg(long, requires = "rig", conflicts_with = "add")]
+    no_formula: bool,
     /// Take a rig without tolerances: every nominal value is exact. Refused if the rig has some
     #[arg(long, requires = "rig")]
     exact: bool,
@@ -123,6 +126,7 @@ fn options(args: &Args) -> Options {
             wrong_name: args.cost_wrong_name,
             missing_name: args.cost_missing_name,
         },
+        no_formula: args.no_formula,
     }
 }
 

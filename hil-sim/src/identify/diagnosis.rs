@@ -278,6 +278,8 @@ pub struct Options {
     pub without: Vec<String>,
     /// What wrong answers cost.
     pub costs: Costs,
+    /// Whether what has no name gets no formula.
+    pub no_formula: bool,
 }
 
 /// Diagnoses `rig` from records to `fit`, judged by records to `validate`; `watch` is told what is
@@ -455,6 +457,7 @@ fn with_formula(
     watch: Watch,
 ) -> Result<(Option<Formula>, FreeRuns), BadInput> {
     let found = match places {
+        _ if options.no_formula => None,
         [] => None,
         places => formula_of(rig, &run, places, records, options, watch)?,
     };

@@ -195,6 +195,8 @@ impl Set {
             .collect();
         let run = |without: Vec<String>| {
             let options = Options {
+                // Calibrated values alone.
+                no_formula: !without.is_empty(),
                 without,
                 ..Options::default()
             };
