@@ -209,6 +209,8 @@ class Diagnosis:
     hypotheses: tuple[Hypothesis, ...]
     gaps: dict[str, Gap]
     remaining: dict[str, Any]
+    formula: dict[str, Any] | None
+    """Terms that explain what has no name, if there are; the fitted rig has them."""
     next_experiment: str
     warnings: tuple[str, ...]
     fitted_rig: Rig
@@ -387,6 +389,7 @@ def diagnose(
         ),
         gaps={name: Gap(own["before"], own["after"], own["noise"], own["removed"]) for name, own in found["gap"].items()},
         remaining=found["remaining"],
+        formula=found["formula"],
         next_experiment=found["next_experiment"],
         warnings=tuple(found["warnings"]),
         fitted_rig=Rig(rig_toml, "rig.fitted.toml"),
