@@ -211,7 +211,8 @@ const RIGS: [Wrong; 14] = [
         || rig("[muscle]", "[Muscle]"),
         "rig check wrong",
         "wrong:6: key `Muscle`: expected one of the keys schema, muscle, load, valve, gas, assist, \
-         tolerance, effect, own_effect, own_effect_files, provenance, found this: did you mean muscle?",
+         tolerance, effect, own_effect, own_effect_files, provenance, found this: did you mean \
+         muscle?",
     ),
     (
         || rig("initial_length_m = 0.3", "initial_length_m = 300"),
