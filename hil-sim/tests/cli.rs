@@ -957,6 +957,13 @@ fn completions_and_man_pages_are_written() {
         assert!(text.contains(says), "{file}");
     }
     assert_eq!(hil_sim(path, &["completions"]).status.code(), Some(2));
+    let written = json(path, &["completions", "--dir", "share", "--json"]);
+    let files = written["files"].as_array().expect("files");
+    let entries = std::fs::read_dir(path.join("share")).expect("a folder");
+    assert_eq!(files.len(), entries.count());
+    assert!(files.contains(&"share/hil-sim-diagnose.1".into()));
+    let script = json(path, &["completions", "bash", "--json"]);
+    assert_eq!(script["script"], stdout(path, &["completions", "bash"]));
 }
 
 /// A campaign of some minutes is interrupted as soon as it has begun.

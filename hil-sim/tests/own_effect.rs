@@ -189,6 +189,13 @@ fn wrong_names_and_units_are_told_with_their_line() {
     assert_refused(gass, 2, "did you mean gas?");
     let add = "subsystem = \"gas\"\nadd.x = \"1\"";
     assert_refused(add, 3, "unknown field `add`");
+    let reserved = LEAK.replace("g_kg_per_pa_s", "max") + FLOW;
+    assert_refused(&reserved, 3, "a name that is not taken, found max");
+    let line = format!("subsystem = \"line\"\n{STATE}adds.delay_s = \"0\"");
+    assert_refused(&line, 4, "expected 0 to 0 keys, found 1");
+    let large = STATE.replace("typical = 1,", "typical = 1e308,");
+    let large = format!("{LEAK}{large}{FLOW}").replace("RATE", "0");
+    assert_refused(&large, 4, "a number from 1e-12 to 1e12, found");
     let nothing = "subsystem = \"gas\"\nsource = \"a hole\"";
     assert_refused(nothing, 1, "what the effect `adds`");
 }
@@ -215,6 +222,15 @@ fn what_cannot_be_simulated_is_told_with_its_line() {
     let sensor = "subsystem = \"sensor\"\nadds.force_n = \"-1.5 * force_n\"";
     let loops = "the reading could not be inverted (an algebraic loop)";
     assert_refused(sensor, 3, loops);
+    // A vented muscle is a little below 0 with an offset of its sensor, a slack one extended.
+    for root in ["sqrt(pressure_pa / 1e5)", "ln(pressure_pa / 1e5)"] {
+        let root = format!(
+            "{LEAK}constant.one_pa = {{ unit = \"Pa\", value = 1 }}\n\
+             adds.outflow_kg_per_s = \"g_kg_per_pa_s * one_pa * {}\"",
+            root.replace("1e5", "one_pa")
+        );
+        assert_refused(&root, 5, "expected finite numbers, found ");
+    }
     let infinite =
         format!("{LEAK}adds.outflow_kg_per_s = \"g_kg_per_pa_s * pressure_pa / (1 - 1)\"");
     assert_refused(&infinite, 4, "expected ");
@@ -247,6 +263,35 @@ fn a_file_beside_the_rig_is_read_and_written_into_a_rig_elsewhere() {
     assert_eq!(again.rewritten(&elsewhere).as_ref(), Ok(&elsewhere));
     let missing = text.replace("mine.toml", "none.toml");
     let name = path.display().to_string();
+    // Not two of a name, nothing that would be lost, and any spelling of a table.
+    let refused = |text: &str| Rig::parse(&name, text).expect_err(text).to_string();
+    let twice = refused(&text.replace("\"mine.toml\"", "\"mine.toml\", \"mine.toml\""));
+    assert!(
+        twice.contains("each effect in one of them, found leak in two"),
+        "{twice}"
+    );
+    let again = format!("{text}\n{EXAMPLES}");
+    let again = refused(&again);
+    assert!(
+        again.contains("effects that no file beside the rig has, found leak"),
+        "{again}"
+    );
+    let other = path.with_file_name("other.toml");
+    fs::write(&other, format!("author = \"me\"\n{EXAMPLES}")).expect("written");
+    let other = refused(&text.replace("mine.toml", "other.toml"));
+    assert!(other.contains("and nothing else, found author"), "{other}");
+    let inline = "own_effect.mine = { subsystem = \"line\", adds.delay_s = \"0\" }\n";
+    fs::write(path.with_file_name("inline.toml"), inline).expect("written");
+    let inline = text.replace("mine.toml", "inline.toml")
+        + "\n"
+        + "[own_effect.your]\n\
+        subsystem = \"line\"\nadds.delay_s = \"0\"\n";
+    let both = Rig::parse(&name, &inline)
+        .expect("a rig")
+        .rewritten(&inline)
+        .expect("TOML");
+    let both = Rig::parse("both.toml", &both).unwrap_or_else(|error| panic!("{error}\n{both}"));
+    assert!(both.catalogue.find("mine").is_some() && both.catalogue.find("your").is_some());
     let error = Rig::parse(&name, &missing)
         .expect_err("no such file")
         .to_string();
@@ -254,6 +299,37 @@ fn a_file_beside_the_rig_is_read_and_written_into_a_rig_elsewhere() {
         error.contains("none.toml: expected a readable TOML file of effects"),
         "{error}"
     );
+}
+
+/// A friction below 0 would drive the weight, and a static one below the Coulomb friction would
+/// start it without end.
+#[test]
+fn a_friction_is_not_taken_below_zero() {
+    let less = "[own_effect.oil]\nsubsystem = \"load\"\n\
+        parameter.less_n = { unit = \"N\", min = 0, max = 1e3, typical = 1, neutral = 0 }\n\
+        adds.coulomb_friction_n = \"-less_n\"\n\
+        [own_effect.resin]\nsubsystem = \"load\"\n\
+        parameter.more_n = { unit = \"N\", min = 0, max = 1e3, typical = 1, neutral = 0 }\n\
+        adds.coulomb_friction_n = \"more_n\"\n";
+    let with = |effect: &str| {
+        let rig = rig("", &format!("{less}[[effect]]\n{effect}\n")).expect("a rig");
+        simulate(&rig, &steps(0.01), 1e-6).unwrap_or_else(|error| panic!("{error}"))
+    };
+    let column = |record: &Record| record.require(CONTRACTION).expect("a column").to_vec();
+    let nominal = Rig::reference().nominal;
+    let coulomb_n = match nominal.load {
+        muscle_plant::nominal::Load::Weight(weight) => weight.coulomb_friction_n,
+        muscle_plant::nominal::Load::Prescribed => 0.0,
+    };
+    let without = column(&with(&format!("name = \"oil\"\nless_n = {coulomb_n:?}")));
+    let below = column(&with(&format!(
+        "name = \"oil\"\nless_n = {:?}",
+        coulomb_n + 50.0
+    )));
+    assert_eq!(without, below);
+    // Sticky beyond its static friction: it moves, and stops.
+    let sticky = column(&with("name = \"resin\"\nmore_n = 40.0"));
+    assert!(sticky.iter().any(|contraction| *contraction > 0.05));
 }
 
 /// Every block of TOML in docs/own-effect.md that declares an effect is one.

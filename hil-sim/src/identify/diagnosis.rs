@@ -297,7 +297,11 @@ pub fn diagnose(
     let mut clock = Clock::new();
     watch(Step::Stage("data and noise", 0));
     let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
-    let model = MuscleModel::new(rig, fit, validate, &options.without)?;
+    // What an earlier formula is made of is no name.
+    let kinds = rig.catalogue.kinds().filter(|kind| formula::is_term(kind));
+    let terms = kinds.map(|kind| kind.name.into());
+    let without: Vec<String> = options.without.iter().cloned().chain(terms).collect();
+    let model = MuscleModel::new(rig, fit, validate, &without)?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
@@ -480,8 +484,13 @@ fn formula_of(
     watch(Step::Stage("formula", 0));
     let mut base = rig.clone();
     base.effects.clone_from(&run.fitted.effects);
-    let base = formula::with_terms(&base, places)?;
-    let model = MuscleModel::new(&base, fit, validate, &[])?;
+    // What cannot be fitted with terms is a diagnosis all the same.
+    let Ok((base, tables)) = formula::with_terms(&base, places) else {
+        return Ok(None);
+    };
+    let Ok(model) = MuscleModel::new(&base, fit, validate, &[]) else {
+        return Ok(None);
+    };
     let engine = Engine::new(&model);
     let selection = select(&engine, options.costs, watch);
     let Some((selection, taken)) = selection.and_then(|selection| {
@@ -509,10 +518,12 @@ fn formula_of(
         terms: formula::terms(&engine, &selection, &taken),
     };
     let kinds = better.fitted.effects.iter().map(|own| own.kind);
-    let terms: Vec<_> = kinds.filter(|kind| formula::is_term(kind)).collect();
-    let declared = formula::declarations(&base, &better.fitted.effects);
+    let found_terms = kinds.filter_map(|kind| Some((kind, tables.get(kind.name)?.clone())));
+    let found_terms: Vec<_> = found_terms.collect();
     better.fitted.catalogue = rig.catalogue.clone();
-    better.fitted.declare(terms.into_iter(), &declared);
+    for (kind, table) in found_terms {
+        better.fitted.declare(kind, table);
+    }
     Ok(Some((found, better)))
 }
 

@@ -8,15 +8,14 @@ use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Rig, effect_toml};
 use model_discrepancy::engine::{Active, Engine, Hypothesis, Model};
 use model_discrepancy::verdict::Selection;
-use muscle_plant::effects::{Catalogue, Effect, EffectKind};
+use muscle_plant::effects::{Catalogue, EffectKind};
 use muscle_plant::nominal::Load;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use toml_edit::{DocumentMut, Item, Table};
 
 /// The terms, each a table `[own_effect.NAME]` of its own paragraphs.
 const TERMS: &str = include_str!("terms.toml");
-/// The places of blocks.
-const ALL: [&str; 3] = ["muscle-force", "load", "gas"];
 /// With what their names begin.
 const PREFIX: &str = "formula-";
 
@@ -59,8 +58,8 @@ pub struct Formula {
     pub supported: BTreeMap<&'static str, [f64; 2]>,
 }
 
-/// The terms that act on one of the `places`, with sizes for the rig, as TOML.
-fn toml(rig: &Rig, places: &[&str]) -> String {
+/// The tables of all terms by their names, with sizes for the rig.
+fn tables(rig: &Rig) -> Table {
     let muscle = &rig.nominal.muscle;
     let force_n = match rig.nominal.load {
         Load::Weight(weight) => weight.mass_kg * model_core::constants::GRAVITY_M_PER_S2,
@@ -69,81 +68,40 @@ fn toml(rig: &Rig, places: &[&str]) -> String {
     let valve = rig.nominal.valve.as_ref();
     let flow = 1e5 * valve.map_or(1e-7, |valve| valve.flow_gain_kg_per_pa_s);
     let number = |value: f64| format!("{value:.3e}");
-    let paragraphs = TERMS
-        .split("\n[own_effect.")
-        .skip(1)
-        .map(|rest| format!("[own_effect.{rest}"));
-    // A state's table belongs to the term before it.
-    let mut tables: Vec<String> = Vec::new();
-    for paragraph in paragraphs {
-        match tables.last_mut() {
-            Some(before)
-                if paragraph
-                    .lines()
-                    .next()
-                    .is_some_and(|head| head.contains(".state.") || head.contains(".form.")) =>
-            {
-                *before += "\n";
-                *before += &paragraph;
-            }
-            _ => tables.push(paragraph),
-        }
-    }
-    let acts = |table: &&String| {
-        // What is left of the gas may be the valve's.
-        let all = places.iter().flat_map(|place| match *place {
-            "gas" => vec!["gas", "valve"],
-            place => vec![place],
-        });
-        all.into_iter()
-            .any(|place| table.contains(&format!("subsystem = \"{place}\"")))
-    };
-    let chosen: Vec<_> = tables
-        .iter()
-        .filter(acts)
-        .map(|table| table.trim().to_owned())
-        .collect();
     // The longer words first, of which others are a part.
-    chosen
-        .join("\n\n")
+    let text = TERMS
         .replace("MANY_N", &number(10.0 * force_n))
         .replace("FORCE_N", &number(0.05 * force_n))
         .replace("MANY_FLOW", &number(2.0 * flow))
         .replace("FLOW", &number(0.05 * flow))
-        .replace("PRESSURE_PA", "3e5")
+        .replace("PRESSURE_PA", "3e5");
+    own_effect::tables(text.parse().unwrap_or_default())
 }
 
-/// `rig` with the terms on `places` in the place of all effects that may be found.
+/// `rig` with the terms on `places` in the place of all effects that may be found, and the tables
+/// of the terms. Those that the rig has are not found again.
 ///
 /// # Errors
 /// None that a test does not exclude.
-pub(super) fn with_terms(rig: &Rig, places: &[&str]) -> Result<Rig, BadInput> {
-    let declared = own_effect::from_toml("terms.toml", &toml(rig, places))?;
-    let catalogue = declared
+pub(super) fn with_terms(rig: &Rig, places: &[&str]) -> Result<(Rig, Table), BadInput> {
+    let mut tables = tables(rig);
+    let acts = |table: &Item| {
+        // What is left of the gas may be the valve's.
+        let place = table.get("subsystem").and_then(Item::as_str);
+        place.is_some_and(|place| {
+            places.contains(&place) || place == "valve" && places.contains(&"gas")
+        })
+    };
+    let has = |name: &str| rig.effects.iter().any(|effect| effect.kind.name == name);
+    tables.retain(|name, table| acts(table) && !has(name));
+    let mut document = DocumentMut::new();
+    document.insert(own_effect::KEY, Item::Table(tables.clone()));
+    let declared = own_effect::from_toml("terms.toml", &document.to_string())?;
+    let mut rig = rig.clone();
+    rig.catalogue = declared
         .into_iter()
         .fold(Catalogue::empty(), Catalogue::with);
-    let mut rig = rig.clone();
-    rig.catalogue = catalogue;
-    Ok(rig)
-}
-
-/// The tables of those `effects` that are terms, for a rig file.
-pub(super) fn declarations(rig: &Rig, effects: &[Effect]) -> String {
-    let all = toml(rig, &ALL);
-    let tables = all.split("\n\n").filter(|table| {
-        let is_of = |effect: &Effect| {
-            let head = format!("[own_effect.{}", effect.kind.name);
-            let rest = table.strip_prefix(&head);
-            rest.is_some_and(|rest| rest.starts_with([']', '.']))
-        };
-        effects.iter().any(is_of)
-    });
-    let tables: Vec<_> = tables.collect();
-    if tables.is_empty() {
-        String::new()
-    } else {
-        format!("\n{}\n", tables.join("\n\n"))
-    }
+    Ok((rig, tables))
 }
 
 /// The effects of `taken`, the most probable set of `selection`, as terms.
@@ -219,36 +177,38 @@ pub(super) fn supported(records: &[Record]) -> BTreeMap<&'static str, [f64; 2]> 
 /// The formula's terms as a file of effects of one's own, to be renamed, with the lines that add
 /// them to a rig as comments.
 pub fn as_own_effects(fitted: &Rig) -> Option<String> {
-    let effects = fitted.effects.iter();
-    let effects: Vec<_> = effects.filter(|own| is_term(own.kind)).cloned().collect();
-    let declared = declarations(fitted, &effects);
+    let is_used = |name: &str| fitted.effects.iter().any(|effect| effect.kind.name == name);
+    let mut declared = fitted.own_effects.clone();
+    declared.retain(|name, _| name.starts_with(PREFIX) && is_used(name));
     if declared.is_empty() {
         return None;
     }
-    let lines = effects
-        .iter()
-        .map(effect_toml)
-        .collect::<Vec<_>>()
-        .join("\n");
+    let effects = fitted.effects.iter().filter(|own| is_term(own.kind));
+    let lines = effects.map(effect_toml).collect::<Vec<_>>().join("\n");
     let lines = lines
         .lines()
         .map(|line| format!("# {line}\n"))
         .collect::<String>();
+    declared.set_implicit(true);
+    let mut document = DocumentMut::new();
+    document.insert(own_effect::KEY, Item::Table(declared));
     Some(format!(
         "# A formula that diagnose found where no effect has a name. It holds in the range of its\n\
          # records. Rename it when you know what it is. For a rig that has it:\n\
-         #\n{lines}{declared}"
+         #\n{lines}{document}"
     ))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use muscle_plant::effects::Effect;
 
     #[test]
     fn the_terms_are_effects_of_ones_own_for_any_rig() {
         let rig = Rig::reference();
-        let terms = with_terms(&rig, &ALL).expect("terms");
+        let places = ["muscle-force", "load", "gas"];
+        let (terms, tables) = with_terms(&rig, &places).expect("terms");
         assert_eq!(
             terms.catalogue.kinds().count(),
             TERMS.matches("\nsubsystem = ").count()
@@ -259,21 +219,23 @@ mod tests {
                 .kinds()
                 .all(|kind| kind.name.starts_with("formula-"))
         );
-        let gas = with_terms(&rig, &["gas"]).expect("terms");
+        let (gas, _) = with_terms(&rig, &["gas"]).expect("terms");
         assert_eq!(gas.catalogue.kinds().count(), 5);
         // Each can be written into a rig, and read again.
         for kind in terms.catalogue.kinds() {
             let mut with = rig.clone();
             with.effects.push(Effect::typical(kind, &kind.forms[0]));
-            let declared = declarations(&rig, &with.effects);
-            let text = Rig::REFERENCE_TOML.to_owned() + &declared + &effect_toml(&with.effects[0]);
+            with.declare(kind, tables[kind.name].clone());
+            assert!(as_own_effects(&with).is_some());
+            let text = with.rewritten(Rig::REFERENCE_TOML).expect("TOML");
             let read = Rig::parse("rig.toml", &text).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(read.effects[0].kind.name, kind.name);
-            assert!(as_own_effects(&read).is_some());
-            // Where the rig has it already, it is not declared again.
+            // Nothing is declared twice, and no term that the rig has is found again.
             let mut again = read.clone();
-            again.declare(std::iter::once(kind), &declared);
+            again.declare(kind, tables[kind.name].clone());
             assert_eq!(again.rewritten(&text).as_ref(), Ok(&text));
+            let (other, _) = with_terms(&read, &places).expect("terms");
+            assert!(other.catalogue.find(kind.name).is_none());
         }
     }
 }

@@ -189,11 +189,17 @@ fn formula_in_words(formula: &Formula) -> String {
         )
     });
     let removed: Vec<_> = removed.collect();
+    let removes = match removed.as_slice() {
+        // Where the gap was hardly above the noise there is no share.
+        [] => String::new(),
+        shares => format!(
+            "It removes {} on records that were not fitted. ",
+            shares.join(" and ")
+        ),
+    };
     format!(
-        "No name, but a formula, which rig.fitted.toml has: {}. It removes {} on records that were \
-         not fitted, and holds for {}.",
+        "No name, but a formula, which rig.fitted.toml has: {}. {removes}It holds for {}.",
         terms.collect::<Vec<_>>().join("; "),
-        removed.join(" and "),
         supported.collect::<Vec<_>>().join(", ")
     )
 }

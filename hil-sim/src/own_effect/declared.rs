@@ -1,10 +1,11 @@
 //! Reading the tables `[own_effect.NAME]`.
 
 use super::dimension::Dimension;
-use super::expression::Expression;
+use super::expression::{Expression, is_reserved};
 use super::term::{self, Change, OwnTerm, Place, State, VALUES_MAX};
 use super::tried;
-use crate::error::{BadInput, one_of};
+use crate::error::{BadInput, one_of, shown};
+use crate::input::read_text;
 use indexmap::IndexMap;
 use muscle_plant::effects::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
@@ -13,8 +14,10 @@ use muscle_plant::subsystem::Subsystem;
 use serde::Deserialize;
 use serde_spanned::Spanned;
 use std::collections::HashMap;
-use std::ops::Range;
+use std::ops::{Range, RangeInclusive};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+use toml_edit::{DocumentMut, Item, Table};
 
 /// The key of the tables in a rig file.
 pub const KEY: &str = "own_effect";
@@ -24,6 +27,8 @@ pub const FILES_KEY: &str = "own_effect_files";
 const PARAMETERS_MAX: usize = 5;
 /// States at most.
 const STATES_MAX: usize = 6;
+/// Typical values of a state, in SI units.
+const TYPICAL: RangeInclusive<f64> = 1e-12..=1e12;
 
 /// One table: an effect with one form, which stands in the table itself, or with several.
 #[derive(Debug, Deserialize)]
@@ -122,6 +127,12 @@ pub fn from_toml(file: &str, text: &str) -> Result<Vec<&'static EffectKind>, Bad
         #[serde(default)]
         own_effect: IndexMap<String, Spanned<Declared>>,
     }
+    /// What makes two declarations the same, wherever they stand.
+    #[derive(Default, Deserialize)]
+    struct Contents {
+        #[serde(default)]
+        own_effect: IndexMap<String, serde_json::Value>,
+    }
     let bad = |span: Option<Range<usize>>, key: String, expected: String| BadInput {
         file: file.into(),
         line: span.map(|span| 1 + text[..span.start].matches('\n').count()),
@@ -136,8 +147,11 @@ pub fn from_toml(file: &str, text: &str) -> Result<Vec<&'static EffectKind>, Bad
         );
         bad(error.span(), KEY.into(), expected)
     })?;
+    let contents: Contents = toml_edit::de::from_str(text).unwrap_or_default();
     let kinds = read.own_effect.iter().map(|(name, declared)| {
-        kind(name, declared).map_err(|wrong| {
+        let contents = contents.own_effect.get(name);
+        let identity = contents.map(|contents| format!("{name} {contents}"));
+        kind(name, declared, identity.unwrap_or_else(|| text.into())).map_err(|wrong| {
             let key = format!("{KEY}.{name}{}", wrong.key);
             bad(Some(wrong.span), key, wrong.expected)
         })
@@ -145,12 +159,55 @@ pub fn from_toml(file: &str, text: &str) -> Result<Vec<&'static EffectKind>, Bad
     kinds.collect()
 }
 
+/// The effects that the file at `path` declares, and their tables by their names.
+///
+/// # Errors
+/// It cannot be read, has something else, or as [`from_toml`].
+pub fn read_file(path: &Path) -> Result<(Vec<&'static EffectKind>, Table), BadInput> {
+    let file = path.display().to_string();
+    let text = read_text(path, "a readable TOML file of effects")?;
+    let kinds = from_toml(&file, &text)?;
+    let expected = "tables `[own_effect.NAME]`";
+    let document: DocumentMut = text.parse().map_err(|_| BadInput::file(&file, expected))?;
+    if let Some((other, _)) = document.iter().find(|(key, _)| *key != KEY) {
+        let expected = format!("{expected} and nothing else, found {other}");
+        return Err(BadInput::file(&file, &expected));
+    }
+    let table = tables(document);
+    if table.is_empty() {
+        return Err(BadInput::file(&file, &format!("{expected}, found none")));
+    }
+    Ok((kinds, table))
+}
+
+/// The tables of a document's effects by their names, free to be put into another document.
+pub fn tables(document: DocumentMut) -> Table {
+    let mut document = document;
+    let table = document.remove(KEY).and_then(|item| item.into_table().ok());
+    let mut table = table.unwrap_or_default();
+    unplace(&mut table);
+    table
+}
+
+/// Forgets where a table and those in it stood in their document.
+fn unplace(table: &mut Table) {
+    table.set_position(None);
+    for (_, item) in table.iter_mut() {
+        if let Item::Table(inner) = item {
+            unplace(inner);
+        }
+    }
+}
+
 /// The effects that were declared so far, by their declaration: they live as long as the program,
 /// as those of the catalogue do.
 static DECLARED: Mutex<Option<HashMap<String, &'static EffectKind>>> = Mutex::new(None);
 
-fn kind(name: &str, declared: &Spanned<Declared>) -> Result<&'static EffectKind, Wrong> {
-    let identity = format!("{name} {declared:?}");
+fn kind(
+    name: &str,
+    declared: &Spanned<Declared>,
+    identity: String,
+) -> Result<&'static EffectKind, Wrong> {
     let mut known = DECLARED.lock().unwrap_or_else(PoisonError::into_inner);
     let known = known.get_or_insert_default();
     if let Some(kind) = known.get(&identity) {
@@ -341,9 +398,15 @@ impl<'a> Reading<'a> {
 
     fn check_counts(&self) -> Result<(), Wrong> {
         let declared = self.declared;
+        // A delay depends on nothing that changes.
+        let states_max = if self.subsystem == Subsystem::Line {
+            0
+        } else {
+            STATES_MAX
+        };
         let counts = [
             ("parameter", declared.parameter.len(), 0, PARAMETERS_MAX),
-            ("state", declared.state.len(), 0, STATES_MAX),
+            ("state", declared.state.len(), 0, states_max),
             (
                 "adds",
                 declared.adds.get_ref().len(),
@@ -383,7 +446,7 @@ impl<'a> Reading<'a> {
         if !starts || !letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_') {
             return Err(wrong("a name of letters, digits and underscores".into()));
         }
-        if self.names.contains(&name) || ["pi", "name", "form"].contains(&name) {
+        if self.names.contains(&name) || is_reserved(name) || ["name", "form"].contains(&name) {
             return Err(wrong(format!("a name that is not taken, found {name}")));
         }
         let dimension = unit.as_ref().map(|unit| Dimension::of_unit(unit));
@@ -411,7 +474,12 @@ impl<'a> Reading<'a> {
         };
         let names: Vec<_> = self.names.iter().enumerate().map(known).collect();
         let read = Expression::parse(text.get_ref(), &names).map_err(wrong)?;
-        let found = read.dimension(&self.dimensions, &names).map_err(wrong)?;
+        let first = VALUES_MAX + self.declared.parameter.len();
+        let constants = self.declared.constant.values();
+        let constants: Vec<f64> = constants.map(|own| own.get_ref().value).collect();
+        let number = |index: usize| constants.get(index.checked_sub(first)?).copied();
+        let found = read.dimension(&self.dimensions, &names, &number);
+        let found = found.map_err(wrong)?;
         match (found, expected) {
             (Some(found), Some(expected)) if found != expected => {
                 return Err(wrong(format!(
@@ -421,14 +489,7 @@ impl<'a> Reading<'a> {
             }
             _ => {}
         }
-        let first = VALUES_MAX + self.declared.parameter.len();
-        let constants: Vec<f64> = self
-            .declared
-            .constant
-            .values()
-            .map(|own| own.get_ref().value)
-            .collect();
-        Ok(read.with(&|index| constants.get(index.checked_sub(first)?).copied()))
+        Ok(read.with(&number))
     }
 
     fn state(&self, index: usize, name: &str, own: &DeclaredState) -> Result<State, Wrong> {
@@ -453,11 +514,16 @@ impl<'a> Reading<'a> {
                 });
             }
         };
-        if !(own.typical > 0.0 && own.typical.is_finite()) {
+        if !TYPICAL.contains(&own.typical) {
             return Err(Wrong {
                 key: key("typical"),
                 span: own.steady.span(),
-                expected: format!("a number above 0, found {}", own.typical),
+                expected: format!(
+                    "a number from {} to {}, found {}",
+                    shown(*TYPICAL.start()),
+                    shown(*TYPICAL.end()),
+                    shown(own.typical)
+                ),
             });
         }
         let after_motion = match (&own.after_contraction, &own.after_extension) {
@@ -553,10 +619,9 @@ impl<'a> Reading<'a> {
         let parameters = declared.parameter.iter();
         let parameters = parameters.map(|(name, own)| self.parameter(name, own));
         let parameters: Vec<Parameter> = parameters.collect::<Result<_, _>>()?;
-        let parameters: &'static [Parameter] = parameters.leak();
         let term = self.term()?;
         let bind = move |values: &[f64]| bound(&term, values);
-        let tried = tried::check(&bind, parameters, &self.place, &self.names[..VALUES_MAX]);
+        let tried = tried::check(&bind, &parameters, &self.place, &self.names[..VALUES_MAX]);
         tried.map_err(|why| Wrong {
             key: ".adds".into(),
             span: declared.adds.span(),
@@ -567,7 +632,7 @@ impl<'a> Reading<'a> {
         let is_muscle = self.subsystem == Subsystem::MuscleForce && !declared.state.is_empty();
         Ok(Form {
             name: leaked(name),
-            parameters,
+            parameters: parameters.leak(),
             equation: leaked(&self.equation()),
             source: leaked(&declared.source),
             leaves_out: leaked(declared.leaves_out.trim_end_matches('.')),

@@ -247,6 +247,7 @@ impl Expression {
     }
 
     /// Its dimension, with the dimension of each name; `None` where it contains a name without one.
+    /// A quantity may be raised to a number, also one that is computed or that `number` gives.
     ///
     /// # Errors
     /// The operation that the dimensions do not allow, in words.
@@ -254,6 +255,7 @@ impl Expression {
         &self,
         of: &[Option<Dimension>],
         names: &[&str],
+        number: &impl Fn(usize) -> Option<f64>,
     ) -> Result<Option<Dimension>, String> {
         use Operation::{Divide, Multiply, Power};
         let shown = |part: &Expression| part.shown(names).to_string();
@@ -262,9 +264,11 @@ impl Expression {
             Number(0.0) => None,
             Number(_) => Some(Dimension::NONE),
             Name(index) => of[*index],
-            Of(Function::Negative | Function::Abs, a) => a.dimension(of, names)?,
-            Of(Function::Sqrt, a) => a.dimension(of, names)?.map(|found| found.to_power(0.5)),
-            Of(function, a) => match a.dimension(of, names)? {
+            Of(Function::Negative | Function::Abs, a) => a.dimension(of, names, number)?,
+            Of(Function::Sqrt, a) => a
+                .dimension(of, names, number)?
+                .map(|found| found.to_power(0.5)),
+            Of(function, a) => match a.dimension(of, names, number)? {
                 Some(found) if found != Dimension::NONE && *function != Function::Sign => {
                     let of = shown(a);
                     return Err(format!(
@@ -275,19 +279,22 @@ impl Expression {
             },
             Pair(operation, pair) => {
                 let [a, b] = &**pair;
-                let found = [a.dimension(of, names)?, b.dimension(of, names)?];
+                let found = [
+                    a.dimension(of, names, number)?,
+                    b.dimension(of, names, number)?,
+                ];
                 match (operation, found) {
                     (Multiply, [Some(a), Some(b)]) => Some(a.times(b)),
                     (Divide, [Some(a), Some(b)]) => Some(a.times(b.to_power(-1.0))),
                     (Multiply | Divide, _) => None,
-                    (Power, [base, exponent]) => match (base, &**pair) {
-                        (Some(base), [_, Number(power)]) => Some(base.to_power(*power)),
+                    (Power, [base, exponent]) => match (base, b.with(number)) {
+                        _ if exponent.is_some_and(|found| found != Dimension::NONE) => {
+                            return Err(format!("a number as exponent, found `{}`", shown(b)));
+                        }
+                        (Some(base), Number(power)) => Some(base.to_power(power)),
                         (Some(base), _) if base != Dimension::NONE => {
                             let exponent = shown(b);
                             return Err(format!("a number as exponent, found `{exponent}`"));
-                        }
-                        _ if exponent.is_some_and(|found| found != Dimension::NONE) => {
-                            return Err(format!("a number as exponent, found `{}`", shown(b)));
                         }
                         _ => base,
                     },
@@ -342,6 +349,15 @@ impl fmt::Display for Shown<'_> {
             }
         }
     }
+}
+
+/// Whether a word is the name of a function or a number.
+pub(super) fn is_reserved(word: &str) -> bool {
+    let functions = FUNCTIONS.iter().map(|(name, _)| *name);
+    let mut operations = OPERATIONS.iter().map(|(name, _)| *name);
+    word == "pi"
+        || functions.clone().any(|name| name == word)
+        || operations.any(|name| name == word)
 }
 
 type Read<T> = Result<T, ErrMode<ContextError>>;
@@ -573,13 +589,15 @@ mod tests {
         let of = [metre, second, None];
         let dimension = |text: &str| {
             let read = Expression::parse(text, NAMES).expect("an expression");
-            read.dimension(&of, NAMES)
+            read.dimension(&of, NAMES, &|index| (index == 2).then_some(2.0))
         };
         let speed = Dimension::of_unit("m/s").ok();
         assert_eq!(dimension("a/b"), Ok(speed));
         assert_eq!(dimension("max(a/b, 0)"), Ok(speed));
         assert_eq!(dimension("sqrt(a^2 + 4*a*a)"), Ok(metre));
         assert_eq!(dimension("a*tau_s"), Ok(None), "a name without a unit");
+        assert_eq!(dimension("(a*a)^(1/2)"), Ok(metre));
+        assert_eq!(dimension("(a/b)^tau_s*b*b"), dimension("a*a"), "a constant");
         for (text, expected) in [
             ("a + b", "one unit, found [m] in `a` and [s] in `b`"),
             ("a - 1", "one unit, found [m] in `a` and [1] in `1.0`"),

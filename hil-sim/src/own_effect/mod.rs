@@ -6,4 +6,4 @@ mod expression;
 mod term;
 mod tried;
 
-pub use declared::{FILES_KEY, KEY, from_toml};
+pub use declared::{FILES_KEY, KEY, from_toml, read_file, tables};

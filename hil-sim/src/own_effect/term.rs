@@ -19,7 +19,7 @@ use muscle_plant::subsystem::valve::{ValvePoint, ValveTerm};
 pub(super) const VALUES_MAX: usize = 16;
 /// Share of its fastest time constant in which a state is propagated by one step of fourth order.
 const STEP_SHARE: f64 = 0.5;
-/// Steps at most between two rows; a state that needs more is as fast as its inputs.
+/// Steps at most between two rows: a state that needs more has settled within them.
 const STEPS_MAX: f64 = 1000.0;
 
 /// A state, with its expressions over inputs and states.
@@ -95,6 +95,14 @@ impl OwnTerm {
         }
     }
 
+    /// Sets the states that have a rate to their values after a long rest.
+    fn settle(&self, point: &impl Inputs, state: &mut [f64]) {
+        self.set(point, state, |own| match own.change {
+            Change::Rate(..) => Some(&own.steady),
+            Change::Update(_) => None,
+        });
+    }
+
     fn own_rates(&self, point: &impl Inputs, state: &[f64], rates: &mut [f64]) {
         let values = self.values(point, state);
         for (own, rate) in self.states.iter().zip(rates) {
@@ -115,10 +123,15 @@ impl OwnTerm {
                 std::array::from_fn(|i| begin[i] + share * (end[i] - begin[i]))
             })
         };
-        let fastest_per_s = self.fastest_per_s(&at(0.5), state);
-        let steps = (length_s * fastest_per_s / STEP_SHARE)
-            .ceil()
-            .clamp(1.0, STEPS_MAX);
+        // A rate may vanish at one of them, as that of a memory where the motion turns.
+        let fastest_per_s = [0.0, 0.5, 1.0]
+            .map(|share| self.fastest_per_s(&at(share), state))
+            .into_iter()
+            .fold(0.0, f64::max);
+        let steps = (length_s * fastest_per_s / STEP_SHARE).ceil().max(1.0);
+        if steps > STEPS_MAX {
+            return self.settle(to, state);
+        }
         let step_s = length_s / steps;
         for step in 0..steps as u32 {
             let share = |part: f64| (f64::from(step) + part) / steps;
@@ -234,16 +247,15 @@ impl<P: Inputs> Dynamics<P> for OwnTerm {
 
 /// x after a time in which dx/dt = a x + b and b changes linearly `from` one value `to` another.
 fn relaxed(x: f64, [from, to]: [f64; 2], length_s: f64, a: f64) -> f64 {
-    if length_s <= 0.0 {
-        return x;
-    }
-    if (a * length_s).abs() < 1e-9 {
-        return x + length_s * (0.5 * (from + to) + a * x);
-    }
-    // The particular solution is −b/a − ḃ/a².
-    let slope = (to - from) / length_s;
-    let particular = |b: f64| -b / a - slope / (a * a);
-    particular(to) + (x - particular(from)) * (a * length_s).exp()
+    let z = a * length_s;
+    // φ₁ = (eᶻ − 1)/z and φ₂ = (eᶻ − 1 − z)/z², near 0 by their series.
+    let (phi_1, phi_2) = if z.abs() < 1e-2 {
+        let phi_2 = 0.5 + z * (1.0 / 6.0 + z * (1.0 / 24.0 + z * (1.0 / 120.0 + z / 720.0)));
+        (1.0 + z * phi_2, phi_2)
+    } else {
+        (z.exp_m1() / z, (z.exp_m1() - z) / (z * z))
+    };
+    x + length_s * (phi_1 * (a * x + from) + phi_2 * (to - from))
 }
 
 impl Observation for OwnTerm {
@@ -366,9 +378,12 @@ impl LoadTerm for OwnTerm {
     fn change(&self, point: &LoadPoint, state: &[f64], weight: &mut Weight, force_n: &mut f64) {
         let added = |index| self.added(index, point, state);
         *force_n += added(0);
-        weight.coulomb_friction_n += added(1);
-        weight.static_friction_n += added(2);
-        weight.viscous_damping_ns_per_m += added(3);
+        // A friction that drives, or a weight that breaks away below its Coulomb friction and
+        // stops at once, would have no motion that ends.
+        weight.coulomb_friction_n = (weight.coulomb_friction_n + added(1)).max(0.0);
+        weight.static_friction_n =
+            (weight.static_friction_n + added(2)).max(weight.coulomb_friction_n);
+        weight.viscous_damping_ns_per_m = (weight.viscous_damping_ns_per_m + added(3)).max(0.0);
         weight.mass_kg = (weight.mass_kg + added(4)).max(*crate::rig::MASS_KG.start());
     }
 }
@@ -510,3 +525,81 @@ pub(super) const SENSOR: Place = Place {
     ],
     term: |term| Term::Sensor(Box::new(term)),
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A rate over the time, the contraction's rate and one state.
+    fn term(rate: &str) -> OwnTerm {
+        let mut names = vec![""; VALUES_MAX];
+        (names[0], names[1], names[VALUES_MAX - 1]) = ("time_s", "rate_per_s", "x");
+        let read = |text: &str| Expression::parse(text, &names).expect("an expression");
+        OwnTerm {
+            states: vec![State {
+                typical: 1.0,
+                steady: read("rate_per_s"),
+                change: Change::Rate(read(rate), None),
+                after_motion: None,
+            }],
+            adds: Vec::new(),
+        }
+    }
+
+    fn given(time_s: f64, rate_per_s: f64) -> Given {
+        let mut values = [0.0; VALUES_MAX];
+        (values[0], values[1]) = (time_s, rate_per_s);
+        Given(time_s, values)
+    }
+
+    /// dx/dt = a x + b with b = t from 0 to 1: x = x₀ eᵃ + ∫ e^(a(1−s)) s ds = x₀ eᵃ + φ₂(a), as a
+    /// sum of aⁿ/(n + 2)!.
+    #[test]
+    fn a_relaxation_is_exact_for_any_time_constant() {
+        for a in [
+            -30.0, -1.0, -0.02, -9e-3, -1e-5, -1e-8, -1e-12, 0.0, 1e-7, 0.5,
+        ] {
+            let mut term = 0.5;
+            let mut phi_2 = 0.0;
+            for n in 0..200 {
+                phi_2 += term;
+                term *= a / f64::from(n + 3);
+            }
+            let expected = 0.25 * f64::exp(a) + phi_2;
+            let found = relaxed(0.25, [0.0, 1.0], 1.0, a);
+            // The sum cancels where a is −30.
+            let rounding = if a < -5.0 { 1e-4 } else { 1e-13 };
+            assert!(
+                (found - expected).abs() < rounding,
+                "{a}: {found} {expected}"
+            );
+        }
+        assert_eq!(relaxed(0.25, [1.0, 1.0], 0.0, -1.0), 0.25);
+    }
+
+    /// A state that follows an input which turns in the middle, where its rate vanishes, is as
+    /// after a thousand short steps.
+    #[test]
+    fn a_rate_that_vanishes_for_an_instant_is_resolved() {
+        let term = term("200 * rate_per_s * (1 - abs(rate_per_s) * x)");
+        let (mut once, mut often) = ([0.2], [0.2]);
+        term.propagate(&given(0.0, -1.0), &given(0.1, 1.0), &mut once);
+        for step in 0..1000 {
+            let at = |step: i32| given(1e-4 * f64::from(step), -1.0 + 2e-3 * f64::from(step));
+            term.propagate(&at(step), &at(step + 1), &mut often);
+        }
+        // Steps of half of a time constant: (1/2)⁵/5! of the state.
+        assert!(
+            (once[0] - often[0]).abs() < 3e-4 * often[0].abs().max(1.0),
+            "{once:?} {often:?}"
+        );
+    }
+
+    #[test]
+    fn a_state_faster_than_can_be_resolved_has_settled() {
+        let term = term("1e6 * (rate_per_s - x) * (1 + x^2)");
+        let mut state = [0.2];
+        term.propagate(&given(0.0, -1.0), &given(0.1, 0.5), &mut state);
+        assert_eq!(state, [0.5]);
+    }
+}

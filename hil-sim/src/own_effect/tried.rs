@@ -24,14 +24,16 @@ type Values = [f64; VALUES_MAX];
 fn range(name: &str) -> (f64, f64) {
     match name {
         "time_s" => (0.0, 300.0),
-        "contraction" => (0.0, 0.3),
+        "contraction" => (-0.05, 0.35),
         "contraction_rate_per_s" => (-1.0, 1.0),
-        "pressure_pa" | "pressure_ref_pa" => (0.0, 6e5),
+        // A sensor or a reference is off by some kPa where the muscle is vented.
+        "pressure_pa" | "pressure_ref_pa" => (-2e4, 6e5),
         "force_per_pressure_m2" => (1e-4, 1e-2),
         "force_n" => (-100.0, 2000.0),
         "speed_m_per_s" => (-0.5, 0.5),
         "initial_length_m" => (0.1, 1.0),
-        "supply_pa" => (6e5, 1e6),
+        // It may droop below the pressure in the muscle.
+        "supply_pa" => (2e5, 1e6),
         "atmospheric_absolute_pa" => (9.5e4, 1.05e5),
         "temperature_k" | "ambient_temperature_k" => (250.0, 350.0),
         "heat_transfer_w_per_m2_k" => (0.0, 500.0),
@@ -92,7 +94,13 @@ fn lines(term: &OwnTerm, names: &[&str]) -> Vec<[Values; 2]> {
             };
             match names[index] {
                 "direction" => direction,
-                _ => random.random_range(low..=high),
+                // Half of them at an end or at 0, where roots, logarithms and quotients end.
+                _ => match random.random_range(0..6) {
+                    0 => low,
+                    1 => high,
+                    2 => 0.0_f64.clamp(low, high),
+                    _ => random.random_range(low..=high),
+                },
             }
         })
     };

@@ -41,17 +41,13 @@ impl Rig {
         }
         // The files may not be beside what is written.
         document.remove(own_effect::FILES_KEY);
-        let mut declared: toml_edit::DocumentMut = self.own_effects.parse()?;
-        let known = document
-            .get(own_effect::KEY)
-            .and_then(|own| own.as_table_like());
-        if let (Some(known), Some(own)) = (known, declared.get_mut(own_effect::KEY)) {
-            // A formula that an earlier diagnosis has declared.
-            for (name, _) in known.iter() {
-                remove(Some(own), name);
-            }
+        for (name, declared) in &self.own_effects {
+            let own = document
+                .entry(own_effect::KEY)
+                .or_insert_with(implicit_table);
+            own[name] = declared.clone();
         }
-        let mut text = document.to_string() + &declared.to_string();
+        let mut text = document.to_string();
         for effect in self.effects.iter().skip(written) {
             if !text.ends_with("\n\n") {
                 text += if text.ends_with('\n') { "\n" } else { "\n\n" };

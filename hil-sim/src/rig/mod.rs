@@ -18,6 +18,7 @@ use muscle_plant::effects::{Catalogue, Effect, EffectKind};
 use muscle_plant::nominal::{Gas, Load, Nominal, Valve};
 use muscle_plant::simulation::{Plant, Simulated, SimulationError};
 use std::path::Path;
+use toml_edit::{Item, Table};
 
 /// The uncertainty of one nominal value.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,8 +43,8 @@ pub struct Rig {
     pub assist: Option<Assist<f64>>,
     /// The effects that the file may name: the standard ones and its own.
     pub catalogue: Catalogue,
-    /// What the files beside it declare, as TOML.
-    own_effects: String,
+    /// What the files beside it declare, by the effects' names, and what a diagnosis added.
+    pub(crate) own_effects: Table,
     /// Relative standard deviations of the nominal values; a value without one is exact.
     pub tolerances: Vec<Tolerance>,
     /// Effects in addition to the nominal model.
@@ -110,10 +111,10 @@ impl Rig {
         Ok(rig)
     }
 
-    /// Adds effects of one's own, which `toml` declares, to those that the file may name.
-    pub(crate) fn declare(&mut self, kinds: impl Iterator<Item = &'static EffectKind>, toml: &str) {
-        self.catalogue = kinds.fold(self.catalogue.clone(), Catalogue::with);
-        self.own_effects += toml;
+    /// Adds an effect of one's own, which `table` declares, to those that the file may name.
+    pub(crate) fn declare(&mut self, kind: &'static EffectKind, table: Item) {
+        self.catalogue = self.catalogue.clone().with(kind);
+        self.own_effects.insert(kind.name, table);
     }
 
     /// Checks relations between values.

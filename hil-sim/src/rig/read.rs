@@ -4,7 +4,6 @@ use super::keys::{self, Key};
 use super::units::likely_unit;
 use super::{Provenance, Rig, Tolerance};
 use crate::error::{BadInput, did_you_mean, one_of, shown};
-use crate::input::read_text;
 use crate::own_effect;
 use crate::record::TIME_S;
 use model_core::assist::Assist;
@@ -14,7 +13,7 @@ use muscle_plant::effects::{Catalogue, Effect};
 use muscle_plant::nominal::{Gas, Load, Nominal, Valve, Weight};
 use std::ops::Range;
 use std::path::Path;
-use toml_edit::{Document, Item, TableLike, Value};
+use toml_edit::{Document, Item, Table, TableLike, Value};
 
 /// Version of the file format.
 const SCHEMA: i64 = 1;
@@ -52,7 +51,7 @@ pub(super) fn rig(catalogue: Catalogue, name: &str, text: &str) -> Result<Rig, B
         name,
         text,
         catalogue,
-        own_effects: String::new(),
+        own_effects: Table::new(),
     };
     (file.catalogue, file.own_effects) = file.with_own_effects(document.as_table())?;
     file.rig(document.as_table())
@@ -86,8 +85,8 @@ struct File<'a> {
     name: &'a str,
     text: &'a str,
     catalogue: Catalogue,
-    /// The text of the files beside it that declare effects.
-    own_effects: String,
+    /// What the files beside it declare.
+    own_effects: Table,
 }
 
 /// One table of the file and its position.
@@ -236,29 +235,39 @@ fn kind_of(item: &Item) -> &'static str {
 impl<'a> File<'a> {
     /// The catalogue with the effects that are declared in the file and in those beside it, and
     /// the text of the latter.
-    fn with_own_effects(&self, table: &dyn TableLike) -> Result<(Catalogue, String), BadInput> {
-        let (mut catalogue, mut texts) = (self.catalogue.clone(), String::new());
+    /// The catalogue with the effects that the file and those beside it declare, and the tables of
+    /// the latter.
+    fn with_own_effects(&self, table: &dyn TableLike) -> Result<(Catalogue, Table), BadInput> {
+        let root = Section::root(self, table);
+        let mut catalogue = self.catalogue.clone();
+        let mut tables = Table::new();
         if let Some(item) = table.get(own_effect::FILES_KEY) {
             let expected = "an array of file names beside the rig, as [\"pulley.toml\"]";
-            let bad = || Section::root(self, table).bad(own_effect::FILES_KEY, expected);
+            let bad = || root.bad(own_effect::FILES_KEY, expected);
             let folder = Path::new(self.name).parent().unwrap_or(Path::new(""));
             for name in item.as_array().ok_or_else(bad)? {
                 let path = folder.join(name.as_str().ok_or_else(bad)?);
-                let text = read_text(&path, "a readable TOML file of effects")?;
-                let declared = own_effect::from_toml(&path.display().to_string(), &text)?;
-                if declared.is_empty() {
-                    let expected = "tables `[own_effect.NAME]`, found none";
-                    return Err(BadInput::file(path.display().to_string(), expected));
+                let (kinds, found) = own_effect::read_file(&path)?;
+                catalogue = kinds.into_iter().fold(catalogue, Catalogue::with);
+                for (name, declared) in found {
+                    if tables.insert(&name, declared).is_some() {
+                        let found = format!("each effect in one of them, found {name} in two");
+                        return Err(root.bad(own_effect::FILES_KEY, found));
+                    }
                 }
-                catalogue = declared.into_iter().fold(catalogue, Catalogue::with);
-                texts += &format!("\n{}\n", text.trim());
             }
         }
-        if table.contains_key(own_effect::KEY) {
+        if let Some(own) = table.get(own_effect::KEY) {
+            let twice = tables.iter().map(|(name, _)| name);
+            let mut twice = twice.filter(|name| own.get(name).is_some());
+            if let Some(name) = twice.next() {
+                let expected = format!("effects that no file beside the rig has, found {name}");
+                return Err(root.bad(own_effect::KEY, expected));
+            }
             let declared = own_effect::from_toml(self.name, self.text)?;
             catalogue = declared.into_iter().fold(catalogue, Catalogue::with);
         }
-        Ok((catalogue, texts))
+        Ok((catalogue, tables))
     }
 
     fn rig(&'a self, table: &'a dyn TableLike) -> Result<Rig, BadInput> {
