@@ -128,9 +128,16 @@ struct Mode {
     /// See [`Judgement`].
     missing: f64,
     about: Rc<Expansion>,
+    /// The weights there, which are 0 but for those of laws.
+    weights: DVector<f64>,
 }
 
 impl Mode {
+    /// Log density there beside `unknown`.
+    fn log_density(&self, unknown: Unknown) -> f64 {
+        self.about.linear.log_density(unknown, &self.weights)
+    }
+
     /// Standard deviations of the weights.
     fn deviations(&self) -> Option<DVector<f64>> {
         self.about.linear.deviations(&self.evidence)
@@ -340,8 +347,15 @@ impl<M: Model> Engine<'_, M> {
         floor: f64,
     ) -> Option<Vec<Judgement>> {
         let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
-        let mode = |unknown| self.mode(Rc::clone(&fit), group, unknown, floor);
-        let named = mode(Unknown::process(0))?;
+        let blocks = 0..group.0.len();
+        let of_block = |place: usize| {
+            let block: Blocks = 1 << place;
+            [Unknown::process(block), Unknown::outside(block)]
+        };
+        let unknowns = std::iter::once(Unknown::process(0)).chain(blocks.flat_map(of_block));
+        let unknowns: Vec<Unknown> = unknowns.collect();
+        let mut modes = self.modes(&fit, group, &unknowns, floor).into_iter();
+        let named = modes.next()??;
         let showing = named.standing(&[], |_| 0.0);
         let all = self.model.candidates();
         let effects = hypothesis.fit.effects.iter();
@@ -356,8 +370,8 @@ impl<M: Model> Engine<'_, M> {
         }];
         for (place, block) in group.0.iter().enumerate() {
             // A process of any amplitude or, as probably, nominal values outside their tolerances.
-            let process = mode(Unknown::process(1 << place))?;
-            let outside = mode(Unknown::outside(1 << place));
+            let process = modes.next()??;
+            let outside = modes.next()?;
             let both = [Some(&process), outside.as_ref()].into_iter().flatten();
             let log = log_sum(both.clone().map(|own| own.evidence.log));
             let reach = log_sum(both.map(|own| own.evidence.log + own.missing));
@@ -391,17 +405,47 @@ impl<M: Model> Engine<'_, M> {
         Some(judgements)
     }
 
+    /// The evidence beside each of `unknowns`, about its mode.
+    ///
+    /// Where dead zones end the residuals have corners, at which steps to a mode may stop short.
+    /// That of another may lie on the other side of such a corner: there they begin again.
+    fn modes(
+        &self,
+        fit: &Rc<Expansion>,
+        group: Group,
+        unknowns: &[Unknown],
+        floor: f64,
+    ) -> Vec<Option<Mode>> {
+        let begin = DVector::zeros(fit.linear.weights());
+        let mode =
+            |unknown: &Unknown| self.mode((Rc::clone(fit), begin.clone()), group, *unknown, floor);
+        let mut modes: Vec<Option<Mode>> = unknowns.iter().map(mode).collect();
+        for (place, unknown) in unknowns.iter().enumerate() {
+            let density = |own: &Mode| own.log_density(*unknown);
+            let best = modes.iter().flatten();
+            let best = best.max_by(|a, b| density(a).total_cmp(&density(b)));
+            let reached = modes[place].as_ref().map(density);
+            let Some(other) =
+                best.filter(|other| reached.is_none_or(|own| density(other) > own + PROMISED))
+            else {
+                continue;
+            };
+            let there = (Rc::clone(&other.about), other.weights.clone());
+            modes[place] = self.mode(there, group, *unknown, floor);
+        }
+        modes
+    }
+
     /// The evidence beside `unknown`, about its mode if it may reach `floor` there: where what is
     /// unknown explains much, the most probable values are not those of the fit, which knows
     /// nothing but noise, and the residuals are not linear from there to here.
     fn mode(
         &self,
-        mut about: Rc<Expansion>,
+        (mut about, mut weights): (Rc<Expansion>, DVector<f64>),
         group: Group,
         unknown: Unknown,
         floor: f64,
     ) -> Option<Mode> {
-        let mut weights = DVector::zeros(about.linear.weights());
         let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
         let mut damping = 0.0;
@@ -442,13 +486,15 @@ impl<M: Model> Engine<'_, M> {
             evidence,
             missing,
             about,
+            weights,
         })
     }
 
     /// The evidence of a group of `hypothesis` beside `unknown`, about its mode wherever that is.
     fn mode_of(&self, hypothesis: &Hypothesis, group: Group, unknown: Unknown) -> Option<Mode> {
         let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
-        self.mode(fit, group, unknown, f64::NEG_INFINITY)
+        let begin = DVector::zeros(fit.linear.weights());
+        self.mode((fit, begin), group, unknown, f64::NEG_INFINITY)
     }
 
     /// The residuals of a group linear about `hypothesis`, and what the candidates do in its
@@ -954,6 +1000,37 @@ mod tests {
         let about_mode = difference(f64::NEG_INFINITY);
         assert!(about_fit > 10.0 * PROMISED, "{about_fit}");
         assert!(about_mode < PROMISED, "{about_mode}");
+    }
+
+    /// A value that a dead zone keeps above 2.6, although its prior and the other rows would have
+    /// it at 1.5; and one that the rows tell.
+    fn cornered(row: usize, nominal: &[f64], _: &[Active]) -> f64 {
+        match row % 4 {
+            0 => 30.0 * (2.6 - nominal[0]).max(0.0),
+            1 => 0.1 * (nominal[0] - 2.9),
+            _ => 0.3 * (nominal[1] - 2.0) + (7.3 * row as f64).sin(),
+        }
+    }
+
+    /// Steps that would cross the corner are refused, and the other value goes nowhere with them;
+    /// where the first is hardly held by its tolerance it does.
+    #[test]
+    fn a_corner_does_not_hold_what_it_has_no_part_in() {
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0], vec![0]],
+            candidates: Vec::new(),
+            residual: cornered,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[]).expect("a fit");
+        let log_evidence = |nominal: [f64; 2]| {
+            let mut there = fitted.clone();
+            there.fit.nominal = nominal.to_vec();
+            let judgements = engine.judgements(&there, f64::NEG_INFINITY);
+            judgements.expect("judgements")[0].log_evidence
+        };
+        let (short, right) = (log_evidence([2.601, -1.0]), log_evidence([2.601, 2.0]));
+        assert!(short > right - PROMISED, "{short}, {right}");
     }
 
     /// A weight that rests, and of which friction takes up a part in one place and another part in
