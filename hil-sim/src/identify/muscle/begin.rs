@@ -12,7 +12,7 @@
 //! All of it is estimated from each record, the predicted ones too, and counts by how likely it is.
 
 use super::force::{ForceRange, Forces};
-use model_discrepancy::least_squares::{Linearized, Residuals, Slopes};
+use model_discrepancy::least_squares::{Linearized, Prior, Residuals, Slopes, loss};
 use nalgebra::{DMatrix, DVector};
 
 /// Standard deviation of what a state may be off by at the begin, in units of its drive's usual
@@ -21,6 +21,12 @@ const SPREAD: f64 = 0.5;
 /// Standard deviations by which a zero or a state may be off at most: one in 370 is farther. A law
 /// that misses thousands of rows by more than their noise would take any zero to make up for it.
 const DEVIATIONS_MOST: f64 = 3.0;
+/// Begins of a memory that are tried at most, until one costs what was expected of it, to within so
+/// many nats.
+const BEGINS: usize = 8;
+const KNOWN: f64 = 0.5;
+/// Shares so near to each other are the same.
+const NARROW: f64 = 1e-3;
 /// Unknowns of a record at most: the zeros of three sensors, states of a creep and a run-in, and
 /// the memory of a hysteresis.
 pub(super) const UNKNOWNS: usize = 9;
@@ -37,41 +43,93 @@ pub(super) fn begun_best(
 ) -> Option<Residuals> {
     let likely = |n: &Vec<f64>| n.iter().map(|n| SPREAD * n).collect::<Vec<f64>>();
     zeros.extend(fading.iter().map(likely));
-    let mut unknown = zeros;
+    let unknown = zeros;
     if !forces.remembers() {
         return Some(without(residuals(&forces.settled_n()?)?, &unknown, None));
     }
-    // The share is sought as if all were in proportion to it, and no memory is beyond its ends.
     let ends = forces.ends()?;
     let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)?));
-    let (out, drawn_in) = (out?, drawn_in?);
-    let half = |a: &[f64], b: &[f64], sign: f64| -> Vec<f64> {
-        a.iter().zip(b).map(|(a, b)| 0.5 * (b + sign * a)).collect()
+    let mut around = [(-1.0, out?), (1.0, drawn_in?)];
+    let mut expected = between(&around, &unknown);
+    let mut best: Option<(f64, Residuals)> = None;
+    for _ in 0..BEGINS {
+        let (share, cost) = expected;
+        let begun = residuals(&forces.between_n(&ends, share)?)?;
+        let left = without(begun.clone(), &unknown, Some(share / SPREAD));
+        let found = left.outside().map(loss).sum::<f64>();
+        let is_known = (found - cost).abs() < KNOWN;
+        if best.as_ref().is_none_or(|(least, _)| found < *least) {
+            best = Some((found, left));
+        }
+        if is_known {
+            break;
+        }
+        // No law is in proportion to the share: on which side of this one there is more to gain.
+        let [low, high] = around.clone();
+        let sides = [[low, (share, begun.clone())], [(share, begun), high]];
+        let wide = sides
+            .into_iter()
+            .filter(|[low, high]| high.0 - low.0 > NARROW);
+        let sought = wide.map(|side| (between(&side, &unknown), side));
+        let Some(next) = sought.min_by(|a, b| a.0.1.total_cmp(&b.0.1)) else {
+            break;
+        };
+        let width = |around: &[(f64, Residuals); 2]| around[1].0 - around[0].0;
+        let is_slow = width(&next.1) > 0.5 * width(&around);
+        (expected, around) = next;
+        if is_slow {
+            // From one end alone it would be approached in small steps.
+            expected = (0.5 * (around[0].0 + around[1].0), f64::NAN);
+        }
+    }
+    best.map(|(_, left)| left)
+}
+
+/// At which share the memory most likely begins between two at which the residuals are known, as if
+/// they were in proportion, and what they cost there.
+fn between([low, high]: &[(f64, Residuals); 2], unknown: &[Vec<f64>]) -> (f64, f64) {
+    let half = |of: fn(&Residuals) -> &[f64], sign: f64| -> Vec<f64> {
+        let pairs = of(&low.1).iter().zip(of(&high.1));
+        pairs.map(|(a, b)| 0.5 * (b + sign * a)).collect()
     };
     let middle = Residuals {
-        values: half(&out.values, &drawn_in.values, 1.0),
-        slack: half(&out.slack, &drawn_in.slack, 1.0),
+        values: half(|own| &own.values, 1.0),
+        slack: half(|own| &own.slack, 1.0),
     };
-    unknown.push(likely(&half(&out.values, &drawn_in.values, -1.0)));
-    let found = likeliest(&middle, &slopes(&unknown));
-    unknown.pop();
-    let most = SPREAD.recip();
-    let memory = found.iter().next_back()?.clamp(-most, most);
-    let forces_n = forces.between_n(&ends, SPREAD * memory)?;
-    Some(without(residuals(&forces_n)?, &unknown, Some(memory)))
+    let (centre, reach) = (0.5 * (low.0 + high.0), 0.5 * (high.0 - low.0));
+    let mut columns = unknown.to_vec();
+    let along = half(|own| &own.values, -1.0).into_iter();
+    columns.push(along.map(|n| SPREAD / reach * n).collect());
+    let mut priors = vec![(0.0, 1.0); columns.len()];
+    priors[unknown.len()].0 = centre / SPREAD;
+    let slopes = slopes(&columns);
+    let linearized = linearized(&middle, &slopes, &priors);
+    let mut found = linearized.exact_minimum(DEVIATIONS_MOST);
+    // No memory is beyond its ends.
+    let most = reach / SPREAD;
+    let last = found.len() - 1;
+    found[last] = found[last].clamp(-most, most);
+    (centre + SPREAD * found[last], linearized.cost(&found))
 }
 
 /// What the `unknown` of a record, which change `residuals` with these slopes, most likely are, in
 /// their standard deviations.
 fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
-    let unknown = slopes.values.ncols();
-    let linearized = Linearized {
+    let priors = vec![(0.0, 1.0); slopes.values.ncols()];
+    linearized(residuals, slopes, &priors).exact_minimum(DEVIATIONS_MOST)
+}
+
+fn linearized<'a>(
+    residuals: &'a Residuals,
+    slopes: &'a Slopes,
+    priors: &'a [Prior],
+) -> Linearized<'a> {
+    Linearized {
         residuals,
         slopes,
-        priors: &vec![(0.0, 1.0); unknown],
-        damping: DVector::zeros(unknown),
-    };
-    linearized.exact_minimum(DEVIATIONS_MOST)
+        priors,
+        damping: DVector::zeros(priors.len()),
+    }
 }
 
 /// Slopes of residuals by unknowns, of which there is one at least.
