@@ -7,3 +7,4 @@ mod term;
 mod tried;
 
 pub use declared::{FILES_KEY, KEY, from_toml};
+pub(crate) use dimension::Dimension;
