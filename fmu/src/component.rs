@@ -75,8 +75,12 @@ fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// Sends an error to the importer, if it wants any.
+/// Sends why a function returns `fmi3Error` to the importer, if it wants messages.
 pub fn log(environment: *mut c_void, log_message: Option<LogMessage>, error: &str) {
+    send(environment, log_message, ERROR, error);
+}
+
+fn send(environment: *mut c_void, log_message: Option<LogMessage>, status: Status, error: &str) {
     let Some(log_message) = log_message else {
         return;
     };
@@ -86,7 +90,7 @@ pub fn log(environment: *mut c_void, log_message: Option<LogMessage>, error: &st
     unsafe {
         log_message(
             environment,
-            ERROR,
+            status,
             c"logStatusError".as_ptr(),
             message.as_ptr(),
         )
@@ -114,7 +118,7 @@ pub unsafe fn with(
     match result.unwrap_or_else(Err) {
         Ok(()) => OK,
         Err(error) => {
-            log(component.environment, component.log_message, &error);
+            send(component.environment, component.log_message, status, &error);
             status
         }
     }

@@ -246,3 +246,6 @@ access!(
     |value| u8::from(value == 1.0),
     |value| f64::from(u8::from(value != 0))
 );
+
+#[cfg(test)]
+mod tests;

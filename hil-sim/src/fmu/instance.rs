@@ -379,3 +379,147 @@ fn above_vacuum(
         "variable `{variable}`: expected a gauge pressure above vacuum, found {found}"
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::Rig;
+
+    fn instance() -> Instance {
+        let model = Model::new("rig.toml", Rig::REFERENCE_TOML).expect("a model");
+        let token = model.token();
+        Instance::new(model, &token).expect("an instance")
+    }
+
+    /// The value reference of a variable.
+    fn reference(instance: &Instance, name: &str) -> u32 {
+        let mut variables = instance.model.variables.iter();
+        let index = variables.position(|variable| variable.name == name);
+        index.expect("the variable") as u32
+    }
+
+    fn set(instance: &mut Instance, name: &str, value: f64) -> Result<(), String> {
+        let reference = reference(instance, name);
+        let is_boolean = instance.model.variables[reference as usize].unit.is_none();
+        instance.set(reference, is_boolean, value)
+    }
+
+    fn get(instance: &mut Instance, name: &str) -> Result<f64, String> {
+        let reference = reference(instance, name);
+        instance.get(reference, false)
+    }
+
+    #[test]
+    fn the_order_of_calls_is_that_of_the_standard() {
+        let mut instance = instance();
+        assert!(instance.step(0.0, 0.01).is_err());
+        assert!(get(&mut instance, "pressure_pa").is_err());
+        assert_eq!(get(&mut instance, "load.mass_kg"), Ok(12.0));
+        assert!(instance.exit_initialization().is_err());
+        instance
+            .enter_initialization(1.0, None)
+            .expect("the initialization");
+        // The state at rest follows the inputs until the initialization ends.
+        for reference_pa in [2e5, 3e5] {
+            set(&mut instance, "pressure_ref_pa", reference_pa).expect("an input");
+            assert_eq!(get(&mut instance, "pressure_pa"), Ok(reference_pa));
+        }
+        instance.exit_initialization().expect("a simulation");
+        let late = set(&mut instance, "load.mass_kg", 11.0).expect_err("a fixed parameter");
+        let expected = "variable `load.mass_kg`: expected no change of this parameter in the state \
+                        Step";
+        assert_eq!(late, expected);
+        assert_eq!(
+            instance.step(0.0, 0.01),
+            Err("expected a step from 1 s on, found 0 s".into())
+        );
+        for length_s in [0.0, -0.01, f64::NAN, f64::INFINITY] {
+            assert!(instance.step(1.0, length_s).is_err(), "{length_s}");
+        }
+        assert_eq!(instance.step(1.0, 0.5), Ok(1.5));
+        assert_eq!(get(&mut instance, "time"), Ok(1.5));
+        instance.terminate().expect("the end");
+        assert!(get(&mut instance, "pressure_pa").is_ok());
+        assert!(instance.step(1.5, 0.5).is_err());
+        instance.reset();
+        assert!(set(&mut instance, "load.mass_kg", 11.0).is_ok());
+    }
+
+    #[test]
+    fn values_that_are_no_rig_are_refused_with_their_names() {
+        let mut instance = instance();
+        for (name, value, expected) in [
+            ("load.mass_kg", -1.0, "a number from 0.001 to 1e5, found -1"),
+            ("pressure_ref_pa", f64::NAN, "a finite number, found NaN"),
+            (
+                "initial.contraction",
+                1.0,
+                "a number from 0 to 0.999, found 1",
+            ),
+            (
+                "effect.leak.conductance_kg_per_pa_s",
+                1.0,
+                "a number from 0 to 1e-6, found 1",
+            ),
+        ] {
+            let error = set(&mut instance, name, value).expect_err(name);
+            assert_eq!(error, format!("variable `{name}`: expected {expected}"));
+        }
+        // Each in its range, but not together.
+        set(&mut instance, "load.static_friction_n", 1.0).expect("in range");
+        instance
+            .enter_initialization(0.0, None)
+            .expect("the initialization");
+        let error = instance
+            .exit_initialization()
+            .expect_err("less than in motion");
+        let expected = "key `load.static_friction_n`: expected at least coulomb_friction_n = 4.5";
+        assert!(error.contains(expected), "{error}");
+        set(&mut instance, "load.static_friction_n", 7.0).expect("in range");
+        set(&mut instance, "initial.at_rest", 0.0).expect("a switch");
+        set(&mut instance, "initial.pressure_pa", -2e5).expect("a finite number");
+        let error = instance.exit_initialization().expect_err("below vacuum");
+        assert!(
+            error.starts_with("variable `initial.pressure_pa`: expected"),
+            "{error}"
+        );
+        set(&mut instance, "initial.pressure_pa", 2e5).expect("a pressure");
+        instance.exit_initialization().expect("a simulation");
+        let boolean = reference(&instance, "valve_open");
+        assert!(
+            instance.set(boolean, false, 1.0).is_err(),
+            "a Boolean as a number"
+        );
+        assert!(instance.get(1_000_000, false).is_err(), "no such variable");
+    }
+
+    #[test]
+    fn a_token_of_another_rig_is_refused() {
+        let text = Rig::REFERENCE_TOML.replace("mass_kg = 12.0", "mass_kg = 11.0");
+        let other = Model::new("rig.toml", &text).expect("a model").token();
+        let model = Model::new("rig.toml", Rig::REFERENCE_TOML).expect("a model");
+        let error = Instance::new(model, &other).err().expect("another rig");
+        assert!(error.ends_with("export the FMU again"), "{error}");
+    }
+
+    /// Between communication points a prescribed contraction moves at its rate, and the output at a
+    /// communication point is that of the inputs which were set there.
+    #[test]
+    fn a_prescribed_contraction_moves_at_its_rate() {
+        let text = Rig::REFERENCE_TOML.replace("\"weight\"", "\"prescribed\"");
+        let model = Model::new("rig.toml", &text).expect("a model");
+        let token = model.token();
+        let mut instance = Instance::new(model, &token).expect("an instance");
+        set(&mut instance, "prescribed_contraction", 0.1).expect("an input");
+        set(&mut instance, "prescribed_contraction_rate_per_s", 0.05).expect("an input");
+        instance
+            .enter_initialization(0.0, None)
+            .expect("the initialization");
+        instance.exit_initialization().expect("a simulation");
+        instance.step(0.0, 0.2).expect("a step");
+        let reached = get(&mut instance, "contraction").expect("an output");
+        assert!((reached - 0.11).abs() < 1e-12, "{reached}");
+        set(&mut instance, "prescribed_contraction", 0.2).expect("an input");
+        assert_eq!(get(&mut instance, "contraction"), Ok(0.2));
+    }
+}
