@@ -3,8 +3,8 @@
 //! The types and signatures are those of `fmi3FunctionTypes.h`. A handle is a pointer to a
 //! [`Component`], made by `fmi3InstantiateCoSimulation` and released by `fmi3FreeInstance`. Each
 //! function catches panics, which must not cross into C; after one the component only returns
-//! `fmi3Fatal`. Why a function failed is sent to the importer's log with the importer's own pointer,
-//! whether or not the debug log is on.
+//! `fmi3Fatal`. Why a function failed is sent to the importer's log, with the importer's own
+//! pointer, whether or not the debug log is on.
 
 mod component;
 mod unsupported;

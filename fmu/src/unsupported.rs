@@ -58,8 +58,12 @@ unsupported! {
     fmi3SerializedFMUStateSize(*mut c_void, *mut usize);
     fmi3SerializeFMUState(*mut c_void, *mut u8, usize);
     fmi3DeserializeFMUState(*const u8, usize, *mut *mut c_void);
-    fmi3GetDirectionalDerivative(*const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize);
-    fmi3GetAdjointDerivative(*const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize);
+    fmi3GetDirectionalDerivative(
+        *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize
+    );
+    fmi3GetAdjointDerivative(
+        *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize
+    );
     fmi3EnterConfigurationMode();
     fmi3ExitConfigurationMode();
     fmi3EnterEventMode();

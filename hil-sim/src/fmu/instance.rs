@@ -308,22 +308,7 @@ impl Instance {
 
     /// The rig with the parameters' values and the effects that are on.
     fn rig(&self) -> Result<Rig, String> {
-        let mut rig = self.model.rig.clone();
-        let mut on = vec![true; rig.effects.len()];
-        for (variable, value) in self.model.variables.iter().zip(&self.values) {
-            match variable.role {
-                Role::Number(key) => {
-                    if let Some(number) = (key.value)(&mut rig) {
-                        *number = *value;
-                    }
-                }
-                Role::EffectOn(number) => on[number] = *value == 1.0,
-                Role::EffectValue(number, place) => rig.effects[number].values[place] = *value,
-                _ => {}
-            }
-        }
-        let mut on = on.into_iter();
-        rig.effects.retain(|_| on.next() == Some(true));
+        let rig = self.model.rig_with(&self.values);
         rig.check().map_err(|error| error.to_string())?;
         Ok(rig)
     }

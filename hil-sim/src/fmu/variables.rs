@@ -165,16 +165,8 @@ impl Model {
     /// # Errors
     /// The record lacks an input of the rig.
     pub fn start_from(&mut self, record: &Record) -> Result<(), BadInput> {
-        let mut rig = self.rig.clone();
-        let on = self
-            .variables
-            .iter()
-            .filter_map(|variable| match variable.role {
-                Role::EffectOn(_) => Some(variable.start == 1.0),
-                _ => None,
-            });
-        let mut on = on.collect::<Vec<_>>().into_iter();
-        rig.effects.retain(|_| on.next() == Some(true));
+        let starts: Vec<_> = self.variables.iter().map(|one| one.start).collect();
+        let rig = self.rig_with(&starts);
         if self.simulated.pressure {
             record.require(record::PRESSURE_REF_PA)?;
         }
@@ -203,6 +195,27 @@ impl Model {
             variable.start = start.unwrap_or(variable.start);
         }
         Ok(())
+    }
+
+    /// The rig with the `values` of all variables: its numbers, and the effects that are on.
+    pub(super) fn rig_with(&self, values: &[f64]) -> Rig {
+        let mut rig = self.rig.clone();
+        let mut on = vec![true; rig.effects.len()];
+        for (variable, value) in self.variables.iter().zip(values) {
+            match variable.role {
+                Role::Number(key) => {
+                    if let Some(number) = (key.value)(&mut rig) {
+                        *number = *value;
+                    }
+                }
+                Role::EffectOn(number) => on[number] = *value == 1.0,
+                Role::EffectValue(number, place) => rig.effects[number].values[place] = *value,
+                _ => {}
+            }
+        }
+        let mut on = on.into_iter();
+        rig.effects.retain(|_| on.next() == Some(true));
+        rig
     }
 
     /// The start values of inputs and settings, for [`Model::set_starts`].
@@ -410,7 +423,8 @@ impl Model {
     /// A switch for each effect, and its parameters. The first `in_file` effects are the rig's.
     fn add_effects(&mut self, in_file: usize) {
         let mut names: Vec<String> = Vec::new();
-        for (number, effect) in self.rig.effects.iter().enumerate() {
+        let effects = self.rig.effects.iter().enumerate();
+        for (number, effect) in effects.filter(|(_, one)| acts(one.kind, self.simulated)) {
             let is_of_rig = number < in_file;
             let plain = effect
                 .kind
@@ -566,7 +580,8 @@ mod tests {
         let length = Rig::REFERENCE_TOML[begin..]
             .find("[gas]")
             .expect("the next section");
-        let mut text = Rig::REFERENCE_TOML.replace("\"weight\"", "\"prescribed\"");
+        let leak = "[[effect]]\nname = \"leak\"\nconductance_kg_per_pa_s = 4e-9\n";
+        let mut text = Rig::REFERENCE_TOML.replace("\"weight\"", "\"prescribed\"") + leak;
         let moved = text.find("[valve]").expect("the section");
         text.replace_range(moved..moved + length, "");
         let model = Model::new("rig.toml", &text).expect("a model");
