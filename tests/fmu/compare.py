@@ -139,10 +139,10 @@ def without_valve(rig, path):
 
 
 def write_drive(path):
-    """Rest at zero pressure, steps up and down, a sine, and a shut valve: 40 s without measurements."""
+    """Rest at zero pressure, steps up to 488 kPa of the supply's 500 and down, a sine, and a shut valve: 40 s without measurements."""
     time_s = numpy.arange(4001) / 100.0
     reference_pa = numpy.select(
-        [time_s < 1, time_s < 10, time_s < 20], [0.0, 1e5 + 5e4 * (time_s // 1.5 % 4), 2.5e5], 1.5e5
+        [time_s < 1, time_s < 10, time_s < 20], [0.0, 1.22e5 * (1 + time_s // 1.5 % 4), 2.5e5], 1.5e5
     )
     reference_pa += numpy.where((time_s >= 10) & (time_s < 30), 8e4 * numpy.sin(3.0 * (time_s - 10)), 0.0)
     is_open = (time_s < 32) | (time_s >= 38)
