@@ -1,7 +1,7 @@
 //! The C functions of FMI 3.0 co-simulation over [`hil_sim::fmu::Instance`].
 //!
 //! The types and signatures are those of `fmi3FunctionTypes.h`. A handle is a pointer to a
-//! [`Component`], made by `fmi3InstantiateCoSimulation` and released by `fmi3FreeInstance`. Each
+//! `Component`, made by `fmi3InstantiateCoSimulation` and released by `fmi3FreeInstance`. Each
 //! function catches panics, which must not cross into C; after one the component only returns
 //! `fmi3Fatal`. Why a function failed is sent to the importer's log, with the importer's own
 //! pointer, whether or not the debug log is on.
