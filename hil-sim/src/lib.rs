@@ -9,6 +9,7 @@ pub mod effect_page;
 pub mod effect_plots;
 pub mod error;
 pub mod faults;
+pub mod fmu;
 pub mod identify;
 pub mod input;
 pub mod output;

@@ -70,6 +70,9 @@ enum Command {
     Experiment(cmd::experiment::Args),
     /// Simulate the plant with the inputs of a record
     Simulate(cmd::simulate::Args),
+    /// Write a rig as an FMU, for other simulators
+    #[cfg(feature = "formats")]
+    Export(cmd::export::Args),
     /// Find where simulation and measurement disagree, and which effect the simulation lacks
     Diagnose(cmd::diagnose::Args),
     /// Compare two diagnoses: verdicts, effects with their intervals, and gaps by signal
@@ -213,6 +216,8 @@ fn main() -> ExitCode {
         Some(Command::Import(args)) => cmd::import::run(&args),
         Some(Command::Experiment(args)) => cmd::experiment::run(&args),
         Some(Command::Simulate(args)) => cmd::simulate::run(&args),
+        #[cfg(feature = "formats")]
+        Some(Command::Export(args)) => cmd::export::run(&args),
         Some(Command::Diagnose(args)) => cmd::diagnose::run(&args),
         Some(Command::Compare(args)) => cmd::compare::run(&args),
         Some(Command::Compensate(args)) => cmd::compensate::run(&args),

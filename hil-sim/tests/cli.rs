@@ -992,3 +992,64 @@ fn an_interrupt_ends_with_status_130_and_writes_nothing() {
     let left = std::fs::read_dir(folder.path()).expect("the folder");
     assert_eq!(left.count(), 0);
 }
+
+#[cfg(feature = "formats")]
+#[test]
+fn an_fmu_needs_the_library_of_its_crate() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path();
+    stdout(path, &["rig", "new", "rig.toml"]);
+    let help = stdout(path, &["export", "--help"]);
+    assert!(help.contains("  hil-sim export --fmu"), "{help}");
+    std::fs::write(path.join("other.so"), "\u{7f}ELF of something else").expect("written");
+    for (fmu, library, expected) in [
+        (
+            "rig.fmu",
+            "none.so",
+            "none.so: expected the shared library that is built by `cargo build --release -p fmu`",
+        ),
+        (
+            "rig.fmu",
+            "other.so",
+            "other.so: expected a shared library of the crate `fmu`",
+        ),
+        (
+            "rig.toml",
+            "other.so",
+            "rig.toml: expected an output that is not an input too",
+        ),
+    ] {
+        let args = ["export", "--fmu", fmu, "--library", library, "rig.toml"];
+        let output = hil_sim(path, &args);
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(
+            message.contains(expected) && message.lines().count() == 1,
+            "{message}"
+        );
+        assert!(!path.join("rig.fmu").exists());
+    }
+    let mut elf = b"\x7fELF".to_vec();
+    elf.resize(64, 0);
+    elf[18] = 62;
+    elf.extend_from_slice(b"fmi3InstantiateCoSimulation");
+    std::fs::write(path.join("library.so"), elf).expect("written");
+    let args = [
+        "export",
+        "--fmu",
+        "rig.fmu",
+        "--library",
+        "library.so",
+        "rig.toml",
+    ];
+    stdout(path, &args);
+    assert!(path.join("rig.fmu").exists());
+    // The record of another kind of rig gives no initial state.
+    std::fs::write(path.join("rec.csv"), "time_s,contraction\n0,0.1\n1,0.1\n").expect("written");
+    let output = hil_sim(path, &[&args[..], &["--drive", "rec.csv"]].concat());
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        message.contains("column `pressure_ref_pa`: expected this column"),
+        "{message}"
+    );
+}

@@ -11,11 +11,12 @@ use syn::visit::{self, Visit};
 use syn::{Attribute, Expr, ImplItem, Item, Token, UseTree};
 
 /// The crates, as folders of the repository.
-const CRATES: [&str; 6] = [
+const CRATES: [&str; 7] = [
     "model-core",
     "muscle-plant",
     "model-discrepancy",
     "hil-sim",
+    "fmu",
     "firmware",
     "firmware/drivers",
 ];

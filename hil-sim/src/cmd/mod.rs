@@ -10,6 +10,8 @@ pub mod design;
 pub mod diagnose;
 pub mod effects;
 pub mod experiment;
+#[cfg(feature = "formats")]
+pub mod export;
 pub mod faults;
 pub mod hil;
 pub mod import;

@@ -15,7 +15,7 @@ use model_discrepancy::least_squares::{
     Goal, OUTLIER, Prior, Problem, Residuals, Slopes, minimize,
 };
 use muscle_plant::nominal::Load;
-use muscle_plant::simulation::{Initial, Simulation};
+use muscle_plant::simulation::{Drive, Initial, Simulation};
 use muscle_plant::subsystem::sensors::Reading;
 use nalgebra::{DVector, Matrix3, Vector3};
 use std::ops::ControlFlow;
@@ -130,6 +130,27 @@ fn contraction_and_rate(samples: &Samples) -> (f64, f64) {
     }
 }
 
+/// The pressure at which the valve holds the muscle: the reference, at most the supply.
+///
+/// # Errors
+/// The rig has no valve.
+pub(crate) fn held_pressure(rig: &Rig, drive: &Drive) -> Result<GaugePa<f64>, BadInput> {
+    let nominal = rig.require_valve()?.supply_pressure;
+    let supply_pa = drive.supply.map_or(nominal.0, |supply| supply.value);
+    Ok(GaugePa(drive.reference.0.min(supply_pa).max(0.0)))
+}
+
+/// The contraction at which the weight hangs on the muscle \[-\]; 0 on its stop, and without a
+/// weight.
+pub(crate) fn hanging_contraction(rig: &Rig, pressure: GaugePa<f64>) -> f64 {
+    match &rig.nominal.load {
+        Load::Weight(weight) => {
+            design::equilibrium(&rig.nominal.muscle, pressure, weight.mass_kg).unwrap_or(0.0)
+        }
+        Load::Prescribed => 0.0,
+    }
+}
+
 /// The initial state for a simulation of `rig` with the `inputs` of `record`.
 ///
 /// # Errors
@@ -156,13 +177,7 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
             let (row, pressure) = (measured_pressure.rows[0], truth(*first, 0.0).pressure);
             above_vacuum(plant.atmospheric, record, row, pressure)?
         }
-        // The pressure at which the valve holds the muscle: the reference, at most the supply.
-        (None, None) => {
-            let drive = inputs.drive(0);
-            let nominal = rig.require_valve()?.supply_pressure;
-            let supply_pa = drive.supply.map_or(nominal.0, |supply| supply.value);
-            GaugePa(drive.reference.0.min(supply_pa).max(0.0))
-        }
+        (None, None) => held_pressure(rig, &inputs.drive(0))?,
     };
     let (contraction, contraction_rate_per_s) = match (inputs.contraction(0), &rig.nominal.load) {
         (Some(input), _) => (input, inputs.drive(0).contraction_rate_per_s),
@@ -170,11 +185,7 @@ pub(crate) fn estimate(rig: &Rig, record: &Record, inputs: &Inputs) -> Result<In
             let (contraction, rate) = contraction_and_rate(&measured_contraction);
             (truth(0.0, contraction).contraction.max(0.0), rate)
         }
-        (None, Load::Weight(weight)) => {
-            let hanging = design::equilibrium(&rig.nominal.muscle, pressure, weight.mass_kg);
-            (hanging.unwrap_or(0.0), 0.0)
-        }
-        (None, Load::Prescribed) => (0.0, 0.0),
+        (None, _) => (hanging_contraction(rig, pressure), 0.0),
     };
     let start = Initial {
         time_s,

@@ -6,7 +6,7 @@ pub mod diagnosis;
 pub mod files;
 pub mod formula;
 pub mod gap;
-mod initial;
+pub(crate) mod initial;
 mod inputs;
 pub mod leak_down;
 pub mod muscle;

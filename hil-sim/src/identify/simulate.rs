@@ -5,7 +5,7 @@ use crate::identify::initial;
 use crate::identify::inputs::Inputs;
 use crate::record::{self, Record};
 use crate::rig::Rig;
-use muscle_plant::simulation::{Simulated, Simulation};
+use muscle_plant::simulation::{Initial, Simulated, Simulation};
 use std::ops::ControlFlow;
 
 pub use crate::identify::inputs::simulated;
@@ -25,6 +25,14 @@ fn restore(read: &mut [f64], record: &Record, name: &str, input: bool) {
             *read = *measured;
         }
     }
+}
+
+/// The initial state with which [`simulate`] begins, from the record's first second.
+///
+/// # Errors
+/// The record lacks an input of the rig.
+pub fn initial_state(rig: &Rig, record: &Record) -> Result<Initial, BadInput> {
+    initial::estimate(rig, record, &Inputs::new(rig, record)?)
 }
 
 /// Simulates `rig` on the times of `record` from its inputs alone: the same columns, with pressure,

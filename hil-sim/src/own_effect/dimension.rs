@@ -8,7 +8,7 @@ use winnow::token::{any, take_while};
 
 /// Exponents of kg, m, s and K.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Dimension([f64; 4]);
+pub(crate) struct Dimension([f64; 4]);
 
 /// The units that are read, all of them coherent: a value in one is the same number in base units.
 const UNITS: &[(&str, [f64; 4])] = &[
@@ -41,6 +41,11 @@ impl Dimension {
                 known.join(", ")
             )
         })
+    }
+
+    /// Exponents of kg, m, s and K.
+    pub fn exponents(self) -> [f64; 4] {
+        self.0
     }
 
     /// That of a product.

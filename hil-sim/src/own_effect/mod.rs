@@ -7,3 +7,4 @@ mod term;
 mod tried;
 
 pub use declared::{FILES_KEY, KEY, from_toml, read_file, tables};
+pub(crate) use dimension::Dimension;

@@ -118,7 +118,11 @@ impl Rig {
     }
 
     /// Checks relations between values.
-    fn check(&self) -> Result<(), BadInput> {
+    ///
+    /// # Errors
+    /// The muscle does not pull at rest or has no volume, or a friction at rest is below that of
+    /// motion.
+    pub fn check(&self) -> Result<(), BadInput> {
         let muscle = &self.nominal.muscle;
         if muscle.alpha_m2 + muscle.beta_m2 <= 0.0 {
             let found = format!(
