@@ -284,8 +284,8 @@ fn errors_of_layouts_say_what_the_mapping_lacks() {
         (
             SIMPLE,
             b"t,f,n\n0,1,5,a\n",
-            ":2: expected 3 cells as in the first row, found 4; decimal commas need another \
-             delimiter",
+            ":2: expected 3 cells as in the first row, found 4; lines above the names need \
+             `skip_lines`, decimal commas another delimiter",
         ),
     ] {
         assert_eq!(refused(map_text, file), format!("bench.txt{message}"));

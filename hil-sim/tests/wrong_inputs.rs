@@ -245,7 +245,7 @@ const RIGS: [Wrong; 14] = [
     ),
 ];
 
-const ARGUMENTS: [Wrong; 18] = [
+const ARGUMENTS: [Wrong; 23] = [
     (
         || {
             TABLE
@@ -262,7 +262,19 @@ const ARGUMENTS: [Wrong; 18] = [
     (
         || TABLE.into(),
         "rig new new.toml --muscle wrong --length 300",
-        "invalid value '300' for '--length <M>': expected a number from 0.001 to 100.0",
+        "invalid value '300' for '--length <M>': expected a number from 0.001 to 100.0 m; \
+         if this is mm, write 0.3",
+    ),
+    (
+        || TABLE.into(),
+        "rig new new.toml --muscle wrong --length 0,3",
+        "invalid value '0,3' for '--length <M>': expected a decimal point",
+    ),
+    (
+        || TABLE.replace("pressure_bar", "pressure_kpa").into(),
+        "rig new new.toml --muscle wrong --length 0.3",
+        "wrong: expected pressures of a muscle, found none above 3000.000 Pa: is the column in bar, \
+         kPa or MPa? Its name has the unit, as `pressure_bar`",
     ),
     (
         || TABLE.into(),
@@ -273,9 +285,27 @@ const ARGUMENTS: [Wrong; 18] = [
     (
         Vec::new,
         "rig new new.toml --valve Q=314l/min",
-        "invalid value 'Q=314l/min' for '--valve <VALVE>': C=… in dm³/(s·bar), Kv=… in m³/h, Cv=… \
-         in US gal/min, or Q=…[,from=…,to=…] in l/min (ANR) between gauge pressures in bar; each \
-         with [,b=…] from 0 to 0.6, found \"Q=314l/min\"",
+        "invalid value 'Q=314l/min' for '--valve <VALVE>': a number without its unit behind Q=, \
+         found \"314l/min\"",
+    ),
+    (
+        Vec::new,
+        "rig new new.toml --valve C=2,1,b=0,35",
+        "invalid value 'C=2,1,b=0,35' for '--valve <VALVE>': decimal points, found \
+         \"C=2,1,b=0,35\"",
+    ),
+    (
+        Vec::new,
+        "rig new new.toml --valve kv=0.59",
+        "invalid value 'kv=0.59' for '--valve <VALVE>': one of C, Kv, Cv, Q, from, to, b, found \
+         \"kv\" (upper and lower case count)",
+    ),
+    (
+        Vec::new,
+        "rig new new.toml --valve C=210",
+        "invalid value 'C=210' for '--valve <VALVE>': C=… in dm³/(s·bar), Kv=… in m³/h, Cv=… in US \
+         gal/min, or Q=…[,from=…,to=…] in l/min (ANR) between gauge pressures in bar; each with \
+         [,b=…] from 0 to 0.6, found \"C=210\"; C is at most 100 dm³/(s·bar)",
     ),
     (
         || RECORD.into(),

@@ -213,8 +213,26 @@ fn this_command() -> String {
 fn between(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
     move |text| match text.parse() {
         Ok(value) if (min..=max).contains(&value) => Ok(value),
+        Err(_) if text.replacen(',', ".", 1).parse::<f64>().is_ok() => {
+            Err("expected a decimal point".into())
+        }
         // `{}` would write 1e-12 with all its zeros.
         _ => Err(format!("expected a number from {min:?} to {max:?}")),
+    }
+}
+
+/// Reads a length from `min` to `max` \[m\].
+fn length_m(min: f64, max: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+    move |text| {
+        between(min, max)(text).map_err(|error| {
+            let in_mm = text.parse().map(|value: f64| value / 1000.0);
+            match in_mm {
+                Ok(value) if (min..=max).contains(&value) => {
+                    format!("{error} m; if this is mm, write {value:?}")
+                }
+                _ => error,
+            }
+        })
     }
 }
 

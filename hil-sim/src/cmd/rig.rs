@@ -1,6 +1,6 @@
 //! `hil-sim rig`.
 
-use super::{Failure, between, this_command};
+use super::{Failure, between, length_m, this_command};
 use hil_sim::datasheet::muscle;
 use hil_sim::datasheet::report::report;
 use hil_sim::datasheet::rig::DataSheets;
@@ -71,11 +71,11 @@ struct New {
     #[arg(long, value_name = "TABLE.csv", requires = "length")]
     muscle: Option<PathBuf>,
     /// The muscle's length at contraction 0 [m]
-    #[arg(long, value_name = "M", requires = "muscle", value_parser = between(1e-3, 100.0))]
+    #[arg(long, value_name = "M", requires = "muscle", value_parser = length_m(1e-3, 100.0))]
     length: Option<f64>,
     /// Diameter of the air in the muscle at contraction 0 [m], for its volume
     #[arg(long, value_name = "M", requires_all = ["muscle", "braid_angle"],
-          value_parser = between(1e-4, 1.0))]
+          value_parser = length_m(1e-4, 1.0))]
     diameter: Option<f64>,
     /// Angle between the braid's threads and the muscle's axis at contraction 0 [degrees]
     #[arg(long, value_name = "DEG", requires = "diameter", value_parser = between(1.0, 54.0))]

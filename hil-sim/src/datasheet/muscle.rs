@@ -3,7 +3,7 @@
 use super::fit::{fit, groups};
 use super::table::{self, Quantity};
 use crate::error::BadInput;
-use crate::plausible::{CONTRACTION_USED, PRESSURE_IDLE_PA};
+use crate::plausible::{CONTRACTION_USED, PRESSURE_WORKING_PA_MIN};
 use crate::record::units::{FORCE, PRESSURE, RATIO};
 use model_core::muscle::Muscle;
 use model_core::pressure::GaugePa;
@@ -96,7 +96,7 @@ fn fitted(points: Vec<Point>, initial_length_m: f64) -> Result<MuscleFit, String
             )
         })?;
     let highest_pa = points.iter().fold(0.0_f64, |pa, at| pa.max(at.pressure_pa));
-    if highest_pa < PRESSURE_IDLE_PA {
+    if highest_pa < PRESSURE_WORKING_PA_MIN {
         return Err(format!(
             "pressures of a muscle, found none above {highest_pa:.3} Pa: is the column in bar, kPa \
              or MPa? Its name has the unit, as `pressure_bar`"

@@ -7,9 +7,11 @@
 //! bar. Below a drop of 1 bar a restriction passes more than the chord, beyond it less. The effect
 //! `flow-limit` is an upper limit, and so describes the large drops alone.
 
+use crate::error::one_of;
 use model_core::pressure::AbsolutePa;
 use muscle_plant::effects::orifice::Orifice;
 use serde::Serialize;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 /// Density of air at the reference of ISO 8778 (ANR): 20 °C, 100 kPa, 65 % humidity \[kg/m³\].
@@ -202,12 +204,24 @@ impl ValveWords {
 
     /// Where the chord does not hold, and the effect that takes over the data sheet's curve.
     pub fn limits(&self) -> String {
+        let sheet = ValveSheet {
+            conductance_dm3_per_s_bar: self.conductance_dm3_per_s_bar,
+            critical_ratio: self.critical_ratio,
+        };
+        let [from_5, from_2, from_1] = [5.0, 2.0, 1.0].map(|from_bar| {
+            sheet.flow_kg_per_s((from_bar, from_bar - 1.0)) / sheet.flow_kg_per_s(NOMINAL_BAR)
+        });
         format!(
-            "The flow gain holds for 6 bar upstream and falls with that pressure (b = 0.3, over 1 \
-             bar: 0.92 of it from 5 bar, 0.60 from 2, 0.45 from 1). Drops much above 1 bar are \
+            "The flow gain holds for 6 bar upstream and falls with that pressure (b = {}, over 1 \
+             bar: {:.2} of it from 5 bar, {:.2} from 2, {:.2} from 1). Drops much above 1 bar are \
              those of the effect flow-limit with filling_conductance_kg_per_pa_s = {:.2e} and \
              critical_ratio = {}; smaller ones pass more per bar, which no effect describes.",
-            self.conductance_kg_per_pa_s, self.critical_ratio,
+            self.critical_ratio,
+            from_5,
+            from_2,
+            from_1,
+            self.conductance_kg_per_pa_s,
+            self.critical_ratio,
         )
     }
 
@@ -231,6 +245,9 @@ impl ValveWords {
     }
 }
 
+/// Sonic conductances of valves \[dm³/(s·bar)\]: the largest that are sold have some 50.
+const CONDUCTANCE_DM3_PER_S_BAR: RangeInclusive<f64> = 1e-4..=100.0;
+
 /// What `--valve` takes.
 const SYNTAX: &str = "C=… in dm³/(s·bar), Kv=… in m³/h, Cv=… in US gal/min, or \
                       Q=…[,from=…,to=…] in l/min (ANR) between gauge pressures in bar; each with \
@@ -241,11 +258,24 @@ impl FromStr for ValveSheet {
 
     fn from_str(text: &str) -> Result<ValveSheet, String> {
         let wrong = || format!("{SYNTAX}, found \"{text}\"");
+        const NAMES: [&str; 7] = ["C", "Kv", "Cv", "Q", "from", "to", "b"];
         let mut values = Vec::new();
         for part in text.split(',') {
-            let (name, number) = part.split_once('=').ok_or_else(wrong)?;
-            let (name, number) = (name.trim(), number.trim().parse::<f64>());
-            let number = number.ok().filter(|number| number.is_finite());
+            let Some((name, number)) = part.split_once('=') else {
+                let digits = part.trim().parse::<u64>().is_ok() && !values.is_empty();
+                return Err(match digits {
+                    true => format!("decimal points, found \"{text}\""),
+                    false => wrong(),
+                });
+            };
+            let (name, number) = (name.trim(), number.trim());
+            if !NAMES.contains(&name) {
+                return Err(one_of(&NAMES, name) + " (upper and lower case count)");
+            }
+            let number = number.parse().map_err(|_| {
+                format!("a number without its unit behind {name}=, found \"{number}\"")
+            })?;
+            let number = Some(number).filter(|number: &f64| number.is_finite());
             if values.iter().any(|(known, _)| *known == name) {
                 return Err(wrong());
             }
@@ -278,11 +308,15 @@ impl FromStr for ValveSheet {
         };
         // The other sizes have their pressures.
         let has_use = between == [None, None] || sizes[3].is_some();
-        let in_range = (1e-4..=1e4).contains(&sheet.conductance_dm3_per_s_bar)
+        let in_range = CONDUCTANCE_DM3_PER_S_BAR.contains(&sheet.conductance_dm3_per_s_bar)
             && (0.0..=CRITICAL_RATIO_MAX).contains(&critical_ratio)
             && (from_bar > to_bar && to_bar >= 0.0 && from_bar <= 100.0)
             && has_use
             && values.is_empty();
+        if sheet.conductance_dm3_per_s_bar > *CONDUCTANCE_DM3_PER_S_BAR.end() {
+            let most = CONDUCTANCE_DM3_PER_S_BAR.end();
+            return Err(format!("{}; C is at most {most} dm³/(s·bar)", wrong()));
+        }
         in_range.then_some(sheet).ok_or_else(wrong)
     }
 }
@@ -438,11 +472,20 @@ mod tests {
             "Kv=1,from=6",
             "Q=700,from=5,to=6",
             "C=2,from=5,to=4",
-            "C=2,x=1",
             "C=2,C=2",
+            "C=101",
         ] {
             let error = text.parse::<ValveSheet>().expect_err(text);
             assert!(error.starts_with("C=…"), "{error}");
+        }
+        for (text, expected) in [
+            ("C=2,x=1", "one of C, Kv, Cv, Q, from, to, b, found \"x\""),
+            ("kv=1", "one of C, Kv, Cv, Q, from, to, b, found \"kv\""),
+            ("C=2,1", "decimal points, found"),
+            ("C=2 l/(s·bar)", "a number without its unit behind C="),
+        ] {
+            let error = text.parse::<ValveSheet>().expect_err(text);
+            assert!(error.starts_with(expected), "{error}");
         }
     }
 }

@@ -26,7 +26,7 @@ pub(crate) const FORCE: &[Unit] = &[
     ("kgf", 9.806_65, 0.0),
     ("lbf", 4.448_221_615_260_5, 0.0),
 ];
-const LENGTH: &[Unit] = &[
+pub(super) const LENGTH: &[Unit] = &[
     ("m", 1.0, 0.0),
     ("cm", 1e-2, 0.0),
     ("mm", 1e-3, 0.0),

@@ -15,7 +15,7 @@ mod variable;
 
 use crate::error::{BadInput, one_of};
 use crate::input::read_text;
-use crate::record::units::{TARGETS, TIME, Unit};
+use crate::record::units::{LENGTH, RATIO, TARGETS, TIME, Unit};
 use crate::record::{Record, TIME_S, in_range};
 use serde::{Deserialize, Serialize};
 use serde_spanned::Spanned;
@@ -520,7 +520,11 @@ fn unit_of<'a>(
     };
     let unit = units.iter().find(|(unit, ..)| unit == name.get_ref());
     unit.ok_or_else(|| {
-        let expected = format!("one of {}, found `{}`", known(), name.get_ref());
+        let mut expected = format!("one of {}, found `{}`", known(), name.get_ref());
+        if units == RATIO && LENGTH.iter().any(|(unit, ..)| unit == name.get_ref()) {
+            expected +=
+                ": for a length write unit = \"1\" and scale = 1/(the muscle's length in it)";
+        }
         place.bad(name.span(), Some(&key), &expected)
     })
 }
