@@ -25,8 +25,6 @@ const DEVIATIONS_MOST: f64 = 3.0;
 /// many nats.
 const BEGINS: usize = 8;
 const KNOWN: f64 = 0.5;
-/// The same as a share of the cost, of which rows that nothing explains make up most.
-const KNOWN_SHARE: f64 = 1e-3;
 /// Shares so near to each other are the same.
 const NARROW: f64 = 1e-3;
 /// Unknowns of a record at most: the zeros of three sensors, states of a creep and a run-in, and
@@ -59,7 +57,7 @@ pub(super) fn begun_best(
         let begun = residuals(&forces.between_n(&ends, share)?)?;
         let left = without(begun.clone(), &unknown, Some(share / SPREAD));
         let found = left.outside().map(loss).sum::<f64>();
-        let is_known = (found - cost).abs() < KNOWN.max(KNOWN_SHARE * found);
+        let is_known = (found - cost).abs() < KNOWN;
         if best.as_ref().is_none_or(|(least, _)| found < *least) {
             best = Some((found, left));
         }
@@ -76,10 +74,6 @@ pub(super) fn begun_best(
         let Some(next) = sought.min_by(|a, b| a.0.1.total_cmp(&b.0.1)) else {
             break;
         };
-        let least = best.as_ref().map_or(f64::INFINITY, |(least, _)| *least);
-        if next.0.1 > least - KNOWN.max(KNOWN_SHARE * least) {
-            break;
-        }
         let width = |around: &[(f64, Residuals); 2]| around[1].0 - around[0].0;
         let is_slow = width(&next.1) > 0.5 * width(&around);
         (expected, around) = next;
