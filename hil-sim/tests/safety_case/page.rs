@@ -168,8 +168,8 @@ fn sequences(page: &mut String, figures: &Figures) {
     let _ = writeln!(
         page,
         "The first {SEQUENCES} of the 40 000 on the reference rig, and of the 40 000 on other \
-         rigs, of [safety.md](../safety.md#sequences-and-the-bounds-of-the-body), against bounds of the \
-         body.\n"
+         rigs, of [safety.md](../safety.md#sequences-and-the-bounds-of-the-body), against bounds \
+         of the body.\n"
     );
     let classes = [(false, true), (false, false), (true, true), (true, false)];
     let rigs = [

@@ -5,6 +5,7 @@ use super::event::{Event, What};
 use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
 use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::person::Finger;
+use hil_sim::faults::memory::flip_copy;
 use hil_sim::faults::unit::DeviceOutput;
 use hil_sim::rig::Rig;
 use model_core::controller::Control;
@@ -14,6 +15,7 @@ use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, DacCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
+use model_core::voted::COPIES;
 use muscle_plant::effects::{Effect, slack};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{Drive, Initial, Plant, Simulated, Simulation, TOLERANCE};
@@ -71,9 +73,11 @@ impl<C: Control> Unit for OnPc<C> {
     fn skip(&mut self) {}
 
     fn flip(&mut self, bit: usize) {
-        let states = self.0.controller_mut().memory_mut().state.copies_mut();
-        let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
-        states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+        let state = &mut self.0.controller_mut().memory_mut().state;
+        flip_copy(state, bit % COPIES, |state| {
+            let bits = state.pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
+            state.pressure_ref_pa = f32::from_bits(bits);
+        });
     }
 }
 

@@ -393,8 +393,8 @@ impl Board {
             .unwrap_or_default()
     }
 
-    /// Counts loads from the flash, too, from now on, for [`ExceptionEvent::cost`]. The program must
-    /// not change the flash afterwards: the engine does not support both.
+    /// Counts loads from the flash, too, from now on, for [`ExceptionEvent::cost`]. The program
+    /// must not change the flash afterwards: the engine does not support both.
     pub fn count_loads(&mut self) {
         self.cpu.count_loads();
     }

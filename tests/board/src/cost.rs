@@ -7,8 +7,9 @@
 //! The flash (ST RM0090 and RM0383, «Adaptive real-time memory accelerator») is read in lines of
 //! 128 bits, one read at a time. Its caches are taken as empty, always: each line that is entered
 //! is read anew, a line that is branched to, too, if it is the one before; each load from the flash
-//! is a read. A read that was begun for something else, by the prefetch or by the core's own buffer,
-//! is completed first: a branch and a load wait for two reads, the next line in sequence for its own.
+//! is a read. A read that was begun for something else, by the prefetch or by the core's own
+//! buffer, is completed first: a branch and a load wait for two reads, the next line in sequence
+//! for its own.
 
 /// Counts since the start.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]

@@ -343,8 +343,8 @@ fn instructions_take_one_cycle_and_runs_are_identical() {
     );
 }
 
-/// In the handler: 2 cycles of the load from the flash, 2 + 2 of two of the RAM, 4 of the branch, 12
-/// of the division, 1 of the move, 4 of the return. It is branched to, as is the label.
+/// In the handler: 2 cycles of the load from the flash, 2 + 2 of two of the RAM, 4 of the branch,
+/// 12 of the division, 1 of the move, 4 of the return. It is branched to, as is the label.
 #[test]
 fn cost_is_that_of_the_executed_path() {
     let mut board = board(
