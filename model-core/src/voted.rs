@@ -170,6 +170,11 @@ pub(crate) mod tests {
             let value = expected.then_some(&one);
             assert_eq!(recalled.recall(), (value, true), "{plain:?} {inverted}");
         }
+        // Also if they differ in a single word.
+        let mut voted = voted(7);
+        voted.plain_mut()[0][1] = 1;
+        voted.plain_mut()[1][1] = 1;
+        assert_eq!(voted.recall(), (None, true));
     }
 
     #[test]

@@ -6,8 +6,8 @@ use serde::ser::{
 };
 
 /// Writes the inverted words of `value`: one for each number, each variant of an enumeration and
-/// each option. Those that `words` has beyond them are zero. Returns the number of words of the value,
-/// which must fit.
+/// each option. Those that `words` has beyond them are zero. Returns the number of words of the
+/// value, which must fit.
 pub(crate) fn invert<T: Serialize, const N: usize>(value: &T, words: &mut [u32; N]) -> usize {
     let mut writer = Writer { words, count: 0 };
     // It fails for text, sequences and maps, which no such value contains.
