@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Checks licences, origin and versions of all dependencies with cargo-deny, by deny.toml and
-# tests/board/deny.toml, and known vulnerabilities where their database can be reached; otherwise it
-# says that they were not checked. Installs cargo-deny the first time, which takes some minutes.
+# Checks licences, origin and versions of all dependencies of the four workspaces with cargo-deny, by
+# deny.toml and tests/board/deny.toml, and known vulnerabilities where their database can be reached;
+# otherwise it says that they were not checked. Installs cargo-deny the first time, which takes some
+# minutes.
 #
 #   supply-chain.sh [--need-advisories]    fails, too, if the database cannot be reached
 set -euo pipefail
@@ -23,7 +24,14 @@ fi
 advisories=passed
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
-for workspace in . tests/board; do
+# The plants depend on a package as it would be published.
+package=target/package/model-discrepancy-0.1.0
+if [ ! -d "$package" ]; then
+    cargo package -q --no-verify --allow-dirty -p model-core -p muscle-plant -p model-discrepancy \
+        --target-dir target
+    tar -xzf "$package.crate" -C target/package
+fi
+for workspace in . tests/board tests/fuzz tests/plants; do
     say "$workspace: licences, bans, sources"
     (cd "$workspace" && cargo deny --log-level error check --hide-inclusion-graph \
         licenses bans sources)

@@ -224,9 +224,9 @@ fn bounds_are_wider_if_only_energy_limits_the_motion() {
 fn a_reference_beyond_its_limit_is_not_passed_on() {
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut controller = Controller::new(settings);
-    for state in controller.memory_mut().state.copies_mut() {
-        (state.mode, state.pressure_ref_pa) = (Mode::Holding, 6e5);
-    }
+    let mut state = *controller.state();
+    (state.mode, state.pressure_ref_pa) = (Mode::Holding, 6e5);
+    controller.memory_mut().state.set(state);
     let output = controller.tick(&Sensors::default());
     assert_eq!(output.pressure_ref.0, settings.values().pressure_pa_max);
 }

@@ -136,8 +136,9 @@ fn read(
         next.moved_to = sensors.encoder;
         next.moved_at_pa = pressure.value();
     }
-    // Without a memory of what was commanded, the ramp down begins at what the muscle has.
-    if state.mode == Mode::Venting && !state.pressure.has_begun() {
+    // Without a memory of what was commanded, the ramp down begins at what the muscle has. After
+    // hardware in the loop, with a fault from before it, the valve was at 0 V and stays there.
+    if state.mode == Mode::Venting && !state.pressure.has_begun() && state.fault.is_none() {
         next.pressure_ref_pa = limited_pa(values, pressure.value());
     }
     next.bridge = bridge;

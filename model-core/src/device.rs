@@ -21,6 +21,11 @@ use serde::{Deserialize, Serialize};
 /// Ticks for which the button must read pressed: contacts bounce for some milliseconds.
 const BUTTON_TICKS: u8 = 3;
 
+/// Words of hardware in the loop, and of what the start has found, with those that say whether
+/// there is any.
+pub const HIL_WORDS: usize = 4;
+const START_WORDS: usize = 2;
+
 /// A command of the link for a tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Command {
@@ -85,13 +90,13 @@ pub struct Tick {
 pub struct Device<C = Controller> {
     controller: C,
     /// A flipped bit must not put the valve to its safe voltage, which drops the weight.
-    hil: Voted<Option<Hil>>,
+    hil: Voted<Option<Hil>, HIL_WORDS>,
     button: Button,
     stop: StopContacts,
     enabling: Enabling,
     confirmation: Confirmation,
     /// A flipped bit must not put the valve to 0 V.
-    start: Voted<Option<StartFault>>,
+    start: Voted<Option<StartFault>, START_WORDS>,
     /// What the self-test in the background has found.
     found: Option<StartFault>,
     /// The fault that was latched before hardware in the loop: that must not reset it, which takes
@@ -152,7 +157,7 @@ impl<C: Control> Device<C> {
     }
 
     /// Hardware in the loop, if it is on, for the fault campaign to damage a copy.
-    pub fn hil_mut(&mut self) -> &mut Voted<Option<Hil>> {
+    pub fn hil_mut(&mut self) -> &mut Voted<Option<Hil>, HIL_WORDS> {
         &mut self.hil
     }
 
@@ -202,8 +207,11 @@ impl<C: Control> Device<C> {
                 (Source::Pins, from_pins(pins, timing, request))
             }
         };
-        // Of what nothing is known no assistance begins.
-        let start = *self.start.recall().0.unwrap_or(&Some(StartFault::Ram));
+        // Of what nothing is known no assistance begins; what is lifted may not drop.
+        if self.start.recall().0.is_none() {
+            self.found = Some(StartFault::Ram);
+        }
+        let start = self.start.recall().0.copied().flatten();
         // A copy that has flipped is outvoted only while the two others are intact.
         self.start.set(start);
         self.control(source, &sensors, start);
@@ -251,7 +259,7 @@ impl<C: Control> Device<C> {
     /// True unless the reference pressure is zero and stays there until a request.
     pub fn is_armed(&self) -> bool {
         // As any copy has it: this is asked more often than a tick.
-        let mut copies = self.controller.memory().state.copies().iter();
+        let mut copies = self.controller.memory().state.plain().iter();
         copies.any(|state| {
             let moves = matches!(state.mode, Mode::Assisting | Mode::Holding | Mode::Playing);
             moves || state.pressure_ref_pa > 0.0
@@ -268,7 +276,7 @@ impl<C: Control> Device<C> {
 
     /// The request that the enabling device leaves, if the rig has one: as any copy has it.
     fn enabled(&mut self, is_closed: bool, request: Request) -> Request {
-        let mut copies = self.controller.memory().settings.copies().iter();
+        let mut copies = self.controller.memory().settings.plain().iter();
         if copies.any(|values| values.enabling_device != 0) {
             self.enabling.allow(is_closed, self.output.mode, request)
         } else {
@@ -326,7 +334,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
 }
 
 /// State of hardware in the loop.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Hil {
     sequence: Option<u32>,
     silent_ticks: u8,
@@ -383,8 +391,10 @@ impl Button {
 mod tests {
     use super::*;
     use crate::settings::SettingsValues;
+    use crate::state::State;
     use crate::supervisor::Fault;
-    use crate::voted::COPIES;
+    use crate::voted::PLAIN;
+    use crate::voted::tests::words;
 
     fn settings() -> Settings {
         Settings::new(SettingsValues {
@@ -923,11 +933,86 @@ mod tests {
     fn flips_of_the_start_up_fault_do_not_accumulate() {
         for fault in [None, Some(StartFault::Ram)] {
             let mut device = Device::new(settings()).started(fault);
-            for copy in 0..COPIES {
-                device.start.copies_mut()[copy] = Some(StartFault::Supply);
+            for copy in 0..=PLAIN {
+                match device.start.plain_mut().get_mut(copy) {
+                    Some(start) => *start = Some(StartFault::Supply),
+                    None => device.start.set_inverted(&Some(StartFault::Supply)),
+                }
                 tick(&mut device, &resting(), &[]);
                 assert_eq!(device.start, Voted::new(fault), "copy {copy}");
             }
+        }
+    }
+
+    #[test]
+    fn inverted_copies_hold_all_words() {
+        let device = Device::new(settings());
+        let hil = Some(Hil {
+            sequence: Some(1),
+            silent_ticks: 0,
+        });
+        assert_eq!(words(&device.hil, &hil), (HIL_WORDS, HIL_WORDS));
+        let start = Some(StartFault::Ram);
+        assert_eq!(words(&device.start, &start), (START_WORDS, START_WORDS));
+    }
+
+    /// The weight is let down from the measured pressure, and nothing begins any more.
+    #[test]
+    fn memory_of_the_device_that_was_overwritten_lets_the_weight_down() {
+        let mut device = ready();
+        let mut lifted = resting();
+        tick(
+            &mut device,
+            &resting(),
+            &[Command::Request(Request::Assist)],
+        );
+        lifted.pressure = AdcCount(1500);
+        let state = *device.controller.state();
+        let memory = device.controller.memory_mut();
+        *memory.state.plain_mut() = [State::default(); PLAIN];
+        memory.state.inverted_mut().fill(0);
+        *device.start.plain_mut() = [Some(StartFault::Image); PLAIN];
+        *device.start.inverted_mut() = [0; START_WORDS];
+        *device.hil.inverted_mut() = [0; HIL_WORDS];
+        assert_eq!(state.mode, Mode::Assisting);
+        let mut before_pa = settings().values().pressure_sensor.value(lifted.pressure);
+        for _ in 0..5 {
+            let seen = tick(&mut device, &lifted, &[Command::Request(Request::Assist)]);
+            let output = seen.telemetry.output;
+            assert_eq!(
+                (output.mode, output.fault),
+                (Mode::Venting, Some(Fault::Memory))
+            );
+            let step_pa = before_pa - output.pressure_ref.0;
+            assert!((0.0..=2e3 + 1.0).contains(&step_pa), "{step_pa} Pa");
+            before_pa = output.pressure_ref.0;
+        }
+        for _ in 0..2000 {
+            let command = Command::Request(Request::Reset);
+            let seen = tick(&mut device, &resting(), &[command]);
+            assert_eq!(mode(&seen), Mode::Venting);
+        }
+    }
+
+    /// Otherwise the link could ask for the pressure that a sensor reads too much.
+    #[test]
+    fn after_hardware_in_the_loop_a_latched_fault_leaves_the_valve_at_zero() {
+        let mut device = ready();
+        let mut offset = resting();
+        offset.pressure = AdcCount(434);
+        let pulled = Pins {
+            stop_open: [true, false],
+            ..resting()
+        };
+        (0..100).for_each(|_| _ = tick(&mut device, &pulled, &[]));
+        let fault = Some(Fault::StopContactsDiffer);
+        for _ in 0..10 {
+            let seen = [Command::EnterHil, Command::LeaveHil]
+                .map(|command| tick(&mut device, &offset, &[command]));
+            for seen in seen {
+                assert_eq!(seen.valve, DacCount::default());
+            }
+            assert_eq!(device.controller.state().fault, fault);
         }
     }
 

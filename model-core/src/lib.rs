@@ -60,6 +60,7 @@ pub mod supervisor;
 pub mod timing;
 pub mod valve;
 pub mod voted;
+mod words;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -8,7 +8,7 @@ use crate::retreat::Retreat;
 use crate::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
 use crate::signal::EncoderCount;
 use crate::supervisor::{Decision, Fault, Mode};
-use crate::voted::{COPIES, Voted};
+use crate::voted::{PLAIN, Voted};
 use serde::{Deserialize, Serialize};
 
 /// The state of the controller between ticks.
@@ -137,15 +137,20 @@ pub(crate) fn within_pa<T: Number>(pressure_pa: T, most_pa: T) -> T {
     }
 }
 
+/// Words of the settings, and of the state at most.
+const SETTINGS_WORDS: usize = 49;
+/// See [`SETTINGS_WORDS`].
+const STATE_WORDS: usize = 65;
+
 /// Settings and state, each in several copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memory {
     /// Values of settings that were valid when they were stored here.
-    pub settings: Voted<SettingsValues>,
+    pub settings: Voted<SettingsValues, SETTINGS_WORDS>,
     /// What [`checksum`] makes of these settings, to tell them where the copies do not.
     checksum: u32,
     /// The state after the last tick.
-    pub state: Voted<State>,
+    pub state: Voted<State, STATE_WORDS>,
 }
 
 /// The content of [`Memory`], as a tick reads it.
@@ -180,12 +185,18 @@ impl Memory {
             mode: Mode::Venting,
             ..State::default()
         };
-        let mended = || mended(self.settings.copies(), self.checksum);
+        let mended = || mended(self.settings.plain(), self.checksum);
+        // As memory that was overwritten has none, those of the documented electronics.
+        let valid = || {
+            let mut copies = self.settings.plain().iter();
+            copies.find_map(|values| Settings::new(*values).ok())
+        };
         Recalled {
             values: settings
                 .copied()
                 .or_else(mended)
-                .unwrap_or(*self.settings.get()),
+                .or_else(|| valid().map(|settings| *settings.values()))
+                .unwrap_or(SettingsValues::reference()),
             state: state.filter(|_| is_known).copied().unwrap_or_else(venting),
             damaged: settings_damaged || state_damaged,
         }
@@ -214,27 +225,25 @@ impl Memory {
 
 /// The settings that have this checksum: a copy, or what most copies agree on bit by bit.
 #[inline(never)]
-fn mended(copies: &[SettingsValues; COPIES], sum: u32) -> Option<SettingsValues> {
+fn mended(copies: &[SettingsValues; PLAIN], sum: u32) -> Option<SettingsValues> {
     let is_right = |values: &&SettingsValues| checksum(values) == sum;
     if let Some(values) = copies.iter().find(is_right) {
         return Some(*values);
     }
-    let mut encoded = [[0; ENCODED_LEN_MAX]; COPIES];
+    let mut encoded = [[0; ENCODED_LEN_MAX]; PLAIN];
     for (values, buffer) in copies.iter().zip(&mut encoded) {
         postcard::to_slice(values, buffer).ok()?;
     }
-    // Bits that are set in at least one, two and three copies.
-    let mut set = [[0; ENCODED_LEN_MAX]; 3];
-    let [one, two, three] = &mut set;
+    // Bits that are set in at least one and two copies.
+    let mut set = [[0; ENCODED_LEN_MAX]; 2];
+    let [one, two] = &mut set;
     for copy in &encoded {
-        let bytes = one.iter_mut().zip(two.iter_mut()).zip(three.iter_mut());
-        for (((one, two), three), byte) in bytes.zip(copy) {
-            *three |= *two & byte;
+        for ((one, two), byte) in one.iter_mut().zip(two.iter_mut()).zip(copy) {
             *two |= *one & byte;
             *one |= byte;
         }
     }
-    let (values, _) = postcard::take_from_bytes(three).ok()?;
+    let (values, _) = postcard::take_from_bytes(two).ok()?;
     Some(values).filter(|values| is_right(&values))
 }
 
@@ -252,6 +261,10 @@ fn checksum(values: &SettingsValues) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::limits::LIMITS;
+    use crate::plausibility::Doubt;
+    use crate::pressure::GaugePa;
+    use crate::voted::tests::words;
 
     fn assisting() -> Memory {
         let settings = Settings::new(SettingsValues::reference()).unwrap();
@@ -269,10 +282,18 @@ mod tests {
     fn a_flipped_copy_is_outvoted_and_told() {
         let intact = assisting();
         assert!(!intact.recall().damaged);
-        for copy in 0..COPIES {
+        let (mut ready, mut other) = (*intact.state.get(), *intact.settings.get());
+        (ready.mode, other.gain) = (Mode::Ready, 1e3);
+        for copy in 0..=PLAIN {
             let mut memory = intact;
-            memory.state.copies_mut()[copy].mode = Mode::Ready;
-            memory.settings.copies_mut()[copy].gain = 1e3;
+            match memory.state.plain_mut().get_mut(copy) {
+                Some(state) => *state = ready,
+                None => memory.state.set_inverted(&ready),
+            }
+            match memory.settings.plain_mut().get_mut(copy) {
+                Some(values) => *values = other,
+                None => memory.settings.set_inverted(&other),
+            }
             let recalled = memory.recall();
             assert_eq!(recalled.state, *intact.state.get());
             assert_eq!(recalled.values, *intact.settings.get());
@@ -287,9 +308,9 @@ mod tests {
             mode: Mode::Venting,
             ..State::default()
         };
-        for pressures_pa in [[4e5, 4e5, 2e5, 2e5], [1e5, 3e5, 4e5, 5e5]] {
+        for pressures_pa in [[4e5, 4e5, 2e5], [2e5, 4e5, 4e5], [1e5, 3e5, 4e5]] {
             let mut memory = assisting();
-            for (state, pressure_pa) in memory.state.copies_mut().iter_mut().zip(pressures_pa) {
+            for (state, pressure_pa) in memory.state.plain_mut().iter_mut().zip(pressures_pa) {
                 state.pressure_ref_pa = pressure_pa;
             }
             let recalled = memory.recall();
@@ -303,20 +324,70 @@ mod tests {
         let intact = assisting();
         for damaged in [2, 3] {
             let mut memory = intact;
-            for values in memory.settings.copies_mut().iter_mut().take(damaged) {
+            for values in memory.settings.plain_mut().iter_mut().take(damaged) {
                 values.gain = 1e3;
             }
             let recalled = memory.recall();
             assert!(recalled.damaged);
             // Three that agree are believed.
-            let is_right = recalled.values == *intact.settings.copies().last().unwrap();
+            let is_right = recalled.values == *intact.settings.get();
             assert_eq!(is_right, damaged == 2);
         }
         let mut memory = intact;
-        let [a, b, c, d] = memory.settings.copies_mut();
-        (a.gain, b.gain, c.load_kg, d.suspect_ticks) = (-20.0, 0.0, -1.0, 2);
+        let [a, b, c] = memory.settings.plain_mut();
+        (a.gain, b.load_kg, c.suspect_ticks) = (-20.0, -1.0, 2);
         let recalled = memory.recall();
         assert_eq!(recalled.values, *intact.settings.get());
+        assert_eq!(
+            (recalled.state.mode, recalled.damaged),
+            (Mode::Venting, true)
+        );
+    }
+
+    /// Each number has a word, with and without what may be there.
+    #[test]
+    fn inverted_copies_hold_all_words() {
+        let memory = assisting();
+        let settings = words(&memory.settings, memory.settings.get());
+        assert_eq!(settings, (SETTINGS_WORDS, SETTINGS_WORDS));
+        let mut most = State {
+            fault: Some(Fault::Bridge(Doubt::Range)),
+            ..State::default()
+        };
+        for tick in 0..3 {
+            let pressure = GaugePa(1e5 + tick as f32);
+            most.balance = most.balance.next(memory.settings.get(), 0.1, pressure.0, 1);
+            let compensation = &memory.settings.get().compensation;
+            _ = most.compensation.pressure_pa(compensation, 1e5, pressure);
+        }
+        assert_eq!(words(&memory.state, &most), (STATE_WORDS, STATE_WORDS));
+        // Reason and doubt, two readings of three numbers each, and the law's pressure.
+        let (least, _) = words(&memory.state, &State::default());
+        assert_eq!(STATE_WORDS - least, 2 + 2 * 3 + 1);
+    }
+
+    /// Nothing is known then: the muscle is vented from the pressure that it has, with settings
+    /// that are valid.
+    #[test]
+    fn memory_that_was_overwritten_is_believed_nowhere() {
+        let erased = Memory::new(Settings::new(SettingsValues::reference()).unwrap());
+        let mut memory = assisting();
+        *memory.state.plain_mut() = *erased.state.plain();
+        *memory.state.inverted_mut() = [0; STATE_WORDS];
+        let recalled = memory.recall();
+        assert_eq!(
+            (recalled.state.mode, recalled.damaged),
+            (Mode::Venting, true)
+        );
+        assert_eq!(recalled.state.pressure_ref_pa, 0.0);
+        let mut zeros = SettingsValues::reference();
+        for limit in LIMITS {
+            (limit.set)(&mut zeros, 0.0);
+        }
+        *memory.settings.plain_mut() = [zeros; PLAIN];
+        *memory.settings.inverted_mut() = [0; SETTINGS_WORDS];
+        let recalled = memory.recall();
+        assert_eq!(recalled.values, SettingsValues::reference());
         assert_eq!(
             (recalled.state.mode, recalled.damaged),
             (Mode::Venting, true)

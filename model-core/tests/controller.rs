@@ -1389,14 +1389,14 @@ fn a_damaged_memory_is_a_fault_and_lets_the_weight_down_if_nothing_is_known() {
     let settings = reference();
     let values = settings.values();
     let mut controller = Controller::new(settings);
-    controller.memory_mut().state.copies_mut()[0].pressure_ref_pa = 1e5;
+    controller.memory_mut().state.plain_mut()[0].pressure_ref_pa = 1e5;
     assert_eq!(
         controller.tick(&Sensors::default()).fault,
         Some(Fault::Memory)
     );
     let mut controller = Controller::new(settings);
-    let copies = controller.memory_mut().state.copies_mut();
-    for (state, pressure_ref_pa) in copies.iter_mut().zip([1e5, 2e5, 3e5, 4e5]) {
+    let copies = controller.memory_mut().state.plain_mut();
+    for (state, pressure_ref_pa) in copies.iter_mut().zip([1e5, 2e5, 3e5]) {
         state.pressure_ref_pa = pressure_ref_pa;
     }
     // The muscle has 250 kPa, and is vented from there at the settings' rate.

@@ -119,8 +119,7 @@ impl AblatedController {
         if self.without != Some(SafetyFunction::MemoryVote) {
             return self.memory.recall();
         }
-        let ([values, ..], [state, ..]) =
-            (self.memory.settings.copies(), self.memory.state.copies());
+        let ([values, ..], [state, ..]) = (self.memory.settings.plain(), self.memory.state.plain());
         Recalled {
             values: *values,
             state: *state,

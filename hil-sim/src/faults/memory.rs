@@ -1,6 +1,7 @@
 //! Flipped bits in the device's memory.
 
 use model_core::device::Hil;
+use model_core::voted::Voted;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -21,6 +22,20 @@ pub fn flip<T: Serialize + DeserializeOwned + PartialEq>(value: &mut T, bit: usi
             _ => {}
         }
     }
+}
+
+/// Flips a bit in the copy of this number; in the inverted one as in the others.
+pub fn flip_copy<T: Copy + PartialEq + Serialize, const N: usize>(
+    voted: &mut Voted<T, N>,
+    copy: usize,
+    flip: impl Fn(&mut T),
+) {
+    if let Some(plain) = voted.plain_mut().get_mut(copy) {
+        return flip(plain);
+    }
+    let mut flipped = *voted.get();
+    flip(&mut flipped);
+    voted.set_inverted(&flipped);
 }
 
 /// Switches hardware in the loop on or off.

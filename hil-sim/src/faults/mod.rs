@@ -8,7 +8,7 @@ pub mod bounds;
 pub mod campaign;
 mod instruments;
 pub mod kind;
-mod memory;
+pub mod memory;
 pub mod outcome;
 mod plant;
 pub mod report;

@@ -1,7 +1,7 @@
 //! The unit under test: the device of the firmware, on this PC or on a board.
 
 use super::kind::{Memory, SettingsFault};
-use super::memory::{flip, flip_hil};
+use super::memory::{flip, flip_copy, flip_hil};
 use model_core::controller::Control;
 use model_core::device::{Command, Device, Pins};
 use model_core::io::{Output, Request};
@@ -109,9 +109,9 @@ impl<C: Control + Clone> Unit for OnPc<C> {
     fn damage(&mut self, memory: Memory, copy: usize, bit: usize) {
         let controller = self.device.controller_mut().memory_mut();
         match memory {
-            Memory::State => flip(&mut controller.state.copies_mut()[copy], bit),
-            Memory::Settings => flip(&mut controller.settings.copies_mut()[copy], bit),
-            Memory::Hil => flip_hil(&mut self.device.hil_mut().copies_mut()[copy]),
+            Memory::State => flip_copy(&mut controller.state, copy, |state| flip(state, bit)),
+            Memory::Settings => flip_copy(&mut controller.settings, copy, |one| flip(one, bit)),
+            Memory::Hil => flip_copy(self.device.hil_mut(), copy, flip_hil),
         }
     }
 }

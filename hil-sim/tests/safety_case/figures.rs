@@ -1,7 +1,8 @@
 //! The campaigns' figures on this commit: a part of each, small enough for every run of the tests.
 
+use super::sequences::case::Case;
 use super::sequences::run::{Ran, run_all as run_sequences};
-use super::sequences::scenario::{Scenario, of_scenario, scenarios};
+use super::sequences::scenario::{Needed, Scenario, needed, of_scenario, scenarios};
 use hil_sim::faults;
 use hil_sim::faults::campaign::run_all;
 use hil_sim::faults::kind::KINDS;
@@ -18,8 +19,11 @@ pub const SEQUENCES: u64 = 400;
 pub struct Figures {
     pub campaign: Vec<FaultOutcome>,
     pub sequences: Vec<Ran>,
+    pub on_other_rigs: Vec<Ran>,
     /// Without and with an enabling device.
     pub scenarios: Vec<(Scenario, [Vec<Ran>; 2])>,
+    /// With and without the function.
+    pub needed: Vec<(Needed, [Vec<Ran>; 2])>,
 }
 
 fn campaign() -> Vec<FaultOutcome> {
@@ -32,12 +36,21 @@ impl Figures {
     pub fn new() -> Figures {
         Figures {
             campaign: campaign(),
-            sequences: run_sequences(SEQUENCES, None, |_| true),
+            sequences: run_sequences(Case::new, SEQUENCES, None, |_| true),
+            on_other_rigs: run_sequences(Case::on_another_rig, SEQUENCES, None, |_| true),
             scenarios: scenarios()
                 .into_iter()
                 .map(|scenario| {
                     let outcomes = [false, true].map(|held| of_scenario(&scenario, held, None));
                     (scenario, outcomes)
+                })
+                .collect(),
+            needed: needed()
+                .into_iter()
+                .map(|one| {
+                    let outcomes = [None, Some(one.function)]
+                        .map(|without| of_scenario(&one.scenario, one.enabling, without));
+                    (one, outcomes)
                 })
                 .collect(),
         }

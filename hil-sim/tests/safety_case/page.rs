@@ -167,17 +167,25 @@ fn sequences(page: &mut String, figures: &Figures) {
     heading(page, "Sequences of faults and of what persons do");
     let _ = writeln!(
         page,
-        "The first {SEQUENCES} of the 40 000 in \
-         [safety.md](../safety.md#sequences-and-the-bounds-of-the-body), against bounds of the \
-         body.\n"
+        "The first {SEQUENCES} of the 40 000 on the reference rig, and of the 40 000 on other \
+         rigs, of [safety.md](../safety.md#sequences-and-the-bounds-of-the-body), against bounds \
+         of the body.\n"
     );
     let classes = [(false, true), (false, false), (true, true), (true, false)];
-    let rows = classes.map(|(needs_hardware, enabling)| {
+    let rigs = [
+        ("the reference", &figures.sequences),
+        ("others", &figures.on_other_rigs),
+    ];
+    let classes = rigs
+        .iter()
+        .flat_map(|(rig, ran)| classes.map(|class| (*rig, *ran, class)));
+    let rows = classes.map(|(rig, ran, (needs_hardware, enabling))| {
         let is_of = |(case, outcome): &&Ran| {
             outcome.needs_hardware == needs_hardware && case.enabling == enabling
         };
-        let of: Vec<_> = figures.sequences.iter().filter(is_of).cloned().collect();
+        let of: Vec<_> = ran.iter().filter(is_of).cloned().collect();
         vec![
+            rig.into(),
             if needs_hardware {
                 "hardware only"
             } else {
@@ -195,6 +203,7 @@ fn sequences(page: &mut String, figures: &Figures) {
         ]
     });
     let columns = [
+        "rig",
         "limited by",
         "enabling device",
         "cases",
@@ -263,6 +272,50 @@ fn scenarios(page: &mut String, figures: &Figures) {
         "force on the limb, contact",
         "with a reason, of 16",
         "bounds of the body violated",
+    ];
+    table(page, &columns, rows);
+}
+
+fn needed(page: &mut String, figures: &Figures) {
+    heading(page, "What each safety function keeps");
+    page.push_str(
+        "A scenario for each function, of 16 rigs within their tolerances: how many violate the \
+         bound of the body, and the worst values, with the function and without it.\n\n",
+    );
+    let rows = figures.needed.iter().map(|(needed, outcomes)| {
+        let scenario = &needed.scenario;
+        let violating = |of: &[Ran]| {
+            tally(of)
+                .get(needed.bound)
+                .copied()
+                .unwrap_or(0)
+                .to_string()
+        };
+        let worst = |of: &[Ran]| match needed.bound {
+            "speed up" => format!("{:.2} m/s", most(of, |one| one.up_m_per_s)),
+            "height not asked for" => format!("{:.0} mm", most(of, |one| 1e3 * one.unasked_m)),
+            "transient force" => format!("{:.0} N", most(of, |one| one.limb_n)),
+            "lasting force" => format!("{:.1} s", most(of, |one| one.pressed_s)),
+            _ => format!("{:.1} s", most(of, |one| one.contact_s)),
+        };
+        let [with, without] = outcomes;
+        let shown = |of: &[Ran]| format!("{}: {}", violating(of), worst(of));
+        vec![
+            format!("`{}`", needed.function.name()),
+            scenario.name.into(),
+            if needed.enabling { "yes" } else { "no" }.into(),
+            needed.bound.into(),
+            shown(with),
+            shown(without),
+        ]
+    });
+    let columns = [
+        "function",
+        "scenario",
+        "enabling device",
+        "bound of the body",
+        "with it",
+        "without it",
     ];
     table(page, &columns, rows);
 }
@@ -395,6 +448,7 @@ pub fn page(source: &Source, results: &Results, figures: &Figures) -> String {
     campaign(&mut page, source, figures);
     sequences(&mut page, figures);
     scenarios(&mut page, figures);
+    needed(&mut page, figures);
     heading(&mut page, "What only hardware can do");
     let rows = source
         .hardware

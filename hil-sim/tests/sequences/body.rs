@@ -32,10 +32,11 @@ pub const FOOT: Region = Region {
 
 /// What is shorter is transient contact (ISO/TS 15066, 5.5.5.3) \[s\].
 pub const TRANSIENT_S: f64 = 0.5;
-/// Fastest weight where the controller determines the motion \[m/s\]: it trips at 1.5 times the
-/// reduced speed of ISO 10218-1, 0.25 m/s; besides, free fall during the 30 ms in which it finds
-/// that (docs/safety.md).
-pub const CONTROLLED_M_PER_S: f64 = 1.5 * 0.25 + 9.80665 * 0.03;
+/// Speed at which the controller trips \[m/s\]: 1.5 times the reduced speed of ISO 10218-1.
+pub const TRIP_M_PER_S: f64 = 1.5 * 0.25;
+/// Fastest weight where the controller determines the motion \[m/s\]: the trip level, and free fall
+/// during the 30 ms in which the controller finds that (docs/safety.md).
+pub const CONTROLLED_M_PER_S: f64 = TRIP_M_PER_S + 9.80665 * 0.03;
 /// Rise that no hand has asked for \[m\]: in such a gap no finger is crushed (ISO 13854, table
 /// 1).
 pub const UNASKED_M: f64 = 0.025;

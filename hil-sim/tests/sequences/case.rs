@@ -1,9 +1,11 @@
 //! One case: a rig, a person, limbs in the way, and a sequence of events.
 
-use super::body::{CONTROLLED_M_PER_S, FOOT, HAND, TRANSIENT_S};
+use super::body::{CONTROLLED_M_PER_S, FOOT, HAND, TRANSIENT_S, TRIP_M_PER_S};
 use super::event::{Event, What};
 use super::plant::{Exchanged, Force, Limb, Snag, Supply, Valve};
+use hil_sim::bench::board_settings::from_rig_and_board;
 use hil_sim::bench::person::Finger;
+use hil_sim::faults::memory::flip_copy;
 use hil_sim::faults::unit::DeviceOutput;
 use hil_sim::rig::Rig;
 use model_core::controller::Control;
@@ -13,10 +15,12 @@ use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, DacCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
+use model_core::voted::COPIES;
 use muscle_plant::effects::{Effect, slack};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{Drive, Initial, Plant, Simulated, Simulation, TOLERANCE};
 use muscle_plant::subsystem::Term;
+use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -69,9 +73,11 @@ impl<C: Control> Unit for OnPc<C> {
     fn skip(&mut self) {}
 
     fn flip(&mut self, bit: usize) {
-        let states = self.0.controller_mut().memory_mut().state.copies_mut();
-        let bits = states[bit % 4].pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
-        states[bit % 4].pressure_ref_pa = f32::from_bits(bits);
+        let state = &mut self.0.controller_mut().memory_mut().state;
+        flip_copy(state, bit % COPIES, |state| {
+            let bits = state.pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
+            state.pressure_ref_pa = f32::from_bits(bits);
+        });
     }
 }
 
@@ -87,6 +93,9 @@ pub struct Case {
     pub hand_m: Option<f64>,
     pub foot_m: Option<f64>,
     pub finger: Finger,
+    /// The rig that the board's settings are for.
+    pub nominal: Rig,
+    /// That rig with values within their tolerances.
     pub rig: Rig,
     pub seed: u64,
 }
@@ -108,8 +117,17 @@ pub struct Outcome {
 }
 
 impl Case {
-    /// The case of this seed: one to four events.
+    /// The case of this seed on the reference rig: one to four events.
     pub fn new(seed: u64) -> Case {
+        Case::on(Rig::reference(), seed)
+    }
+
+    /// The case of this seed on a rig that it draws.
+    pub fn on_another_rig(seed: u64) -> Case {
+        Case::on(another_rig(seed), seed)
+    }
+
+    fn on(nominal: Rig, seed: u64) -> Case {
         let mut random = Pcg64Mcg::seed_from_u64(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 24);
         let count = random.random_range(1..=4);
         let mut event = |_| {
@@ -134,10 +152,12 @@ impl Case {
                 during_s: from_s..EVENTS_S + AFTER_S,
             });
         }
-        let mut case = Case::with(events, seed);
+        // Of the reference rig's length.
+        let share = nominal.nominal.muscle.initial_length_m / 0.3;
+        let mut case = Case::with(nominal, events, seed);
         case.enabling = random.random_bool(0.5);
         match random.random_range(0..4) {
-            0 => case.hand_m = Some(random.random_range(0.01..0.09)),
+            0 => case.hand_m = Some(share * random.random_range(0.01..0.09)),
             1 => case.foot_m = Some(random.random_range(0.01..0.05)),
             _ => {}
         }
@@ -145,9 +165,10 @@ impl Case {
     }
 
     /// A person who lifts and holds, with these events.
-    pub fn with(events: Vec<Event>, seed: u64) -> Case {
+    pub fn with(nominal: Rig, events: Vec<Event>, seed: u64) -> Case {
         let mut random = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
-        let mut rig = Rig::reference();
+        let mut rig = nominal.clone();
+        let share = rig.nominal.muscle.initial_length_m / 0.3;
         let mut within = |value: &mut f64, relative: f64| {
             *value *= 1.0 + random.random_range(-relative..relative);
         };
@@ -168,14 +189,31 @@ impl Case {
             foot_m: None,
             finger: Finger::Lift {
                 start_s: 1.3,
-                travel_m: random.random_range(0.06..0.12),
+                travel_m: share * random.random_range(0.06..0.12),
                 rise_s,
                 hold_s: random.random_range(0.5..2.5),
                 lower_s: rise_s,
             },
+            nominal,
             rig,
             seed,
         }
+    }
+
+    /// The weight \[N\].
+    pub fn weight_n(&self) -> f64 {
+        mass_kg(&self.rig) * GRAVITY_M_PER_S2
+    }
+
+    /// Height by which a weight that moves as fast as the controller lets it goes on by itself
+    /// \[m\]: v/ω, on the stop, where the muscle is softest.
+    pub fn swing_m(&self) -> f64 {
+        let muscle = &self.nominal.nominal.muscle;
+        let mass_kg = mass_kg(&self.nominal);
+        let area_m2 = muscle.alpha_m2 + muscle.beta_m2;
+        let lifts_pa = (mass_kg * GRAVITY_M_PER_S2 - muscle.gamma_n) / area_m2;
+        let stiffness_n_per_m = 2.0 * muscle.alpha_m2 * lifts_pa / muscle.initial_length_m;
+        TRIP_M_PER_S / (stiffness_n_per_m / mass_kg).sqrt()
     }
 
     fn happens(&self, time_s: f64) -> impl Iterator<Item = (&What, f64)> {
@@ -316,11 +354,11 @@ impl Case {
 
     /// The settings of the board.
     pub fn settings(&self) -> Settings {
-        let values = SettingsValues {
+        let board = SettingsValues {
             enabling_device: self.enabling.into(),
             ..SettingsValues::reference()
         };
-        Settings::new(values).expect("valid settings")
+        from_rig_and_board(&self.nominal, &board).expect("a rig that a board can run")
     }
 }
 
@@ -393,6 +431,7 @@ impl<U: Unit> Running<'_, U> {
             .happens(time_s)
             .any(|(what, since_s)| match *what {
                 What::TicksHalting(every) => number.is_multiple_of(every),
+                What::TicksLeft(every) => !number.is_multiple_of(every),
                 What::TicksMissed(count) => since_s < f64::from(count) * TICK_S - 1e-9,
                 _ => false,
             });
@@ -451,17 +490,24 @@ impl<U: Unit> Running<'_, U> {
                     gauge_n += (n_per_s * since_s).clamp(-most_n.abs(), most_n.abs());
                 }
                 What::GaugeRipple(n, hz) => gauge_n += n * mean_sine(hz, time_s),
+                What::GaugeOpens(n_per_s) => gauge_n += n_per_s * since_s,
                 What::PressureZero(pa) => pressure_pa += pa,
                 What::EncoderJump(m) => travel_m += m,
                 _ => {}
             }
         }
         let encoder = (travel_m / f64::from(self.values.encoder_m_per_count)).round() as i64;
-        let read = (
+        let mut read = (
             self.values.bridge.count(gauge_n as f32),
             self.values.pressure_sensor.count(pressure_pa as f32),
             EncoderCount(encoder as i32 as u32),
         );
+        let opens = |(what, _): (&What, f64)| matches!(what, What::GaugeOpens(_));
+        if case.happens(time_s).any(opens) {
+            // An amplifier ends before the converter's scale does, and it is never still.
+            let (count, most) = (f64::from(read.0.0), self.random.random_range(4088..=4090));
+            read.0 = AdcCount(count.clamp(6.0, f64::from(most)) as u16);
+        }
         let frozen = *self.frozen.get_or_insert(read);
         let freezes = |kind| case.happens(time_s).any(|(what, _)| *what == kind);
         let chosen = (
@@ -541,6 +587,65 @@ impl<U: Unit> Running<'_, U> {
     }
 }
 
+fn mass_kg(rig: &Rig) -> f64 {
+    match &rig.nominal.load {
+        Load::Weight(weight) => weight.mass_kg,
+        Load::Prescribed => 0.0,
+    }
+}
+
+/// The reference rig with another muscle: `area` times its cross-section, with a bladder of the
+/// same thickness, whose force goes with the circumference; `length` times as long.
+pub fn rig_of_muscle(area: f64, length: f64) -> Rig {
+    let mut rig = Rig::reference();
+    for (key, factor) in [
+        ("alpha_m2", area),
+        ("beta_m2", area),
+        ("gamma_n", area.sqrt()),
+        ("initial_length_m", length),
+        ("volume_d1_m3", area * length),
+        ("volume_d2_m3", area * length),
+        ("volume_d3_m3", area * length),
+    ] {
+        *rig.value_mut("muscle", key).expect("a key of the rig") *= factor;
+    }
+    rig
+}
+
+/// A rig of another size: muscle, weight, valve, lever.
+fn another_rig(seed: u64) -> Rig {
+    let mut random = Pcg64Mcg::seed_from_u64(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x7165);
+    let mut rig = rig_of_muscle(
+        random.random_range(0.7..1.5),
+        random.random_range(0.67..1.67),
+    );
+    let friction_n = random.random_range(1.0..8.0);
+    for (section, key, value) in [
+        ("load", "mass_kg", random.random_range(6.0..18.0)),
+        (
+            "load",
+            "viscous_damping_ns_per_m",
+            random.random_range(20.0..100.0),
+        ),
+        ("load", "coulomb_friction_n", friction_n),
+        ("load", "static_friction_n", 1.6 * friction_n),
+        (
+            "valve",
+            "flow_gain_kg_per_pa_s",
+            1.3e-7 * random.random_range(0.7..2.0),
+        ),
+        ("assist", "gain", random.random_range(10.0..25.0)),
+        (
+            "assist",
+            "input_stiffness_n_per_m",
+            random.random_range(100.0..250.0),
+        ),
+    ] {
+        *rig.value_mut(section, key).expect("a key of the rig") = value;
+    }
+    rig
+}
+
 /// What the board makes of a sine of this frequency: the mean over the period before `time_s`.
 fn mean_sine(hz: f64, time_s: f64) -> f64 {
     let at = |scan: u32| {
@@ -555,7 +660,7 @@ impl Outcome {
     pub fn violations(&self, case: &Case) -> Vec<&'static str> {
         let limb = case.limb().map(|limb| limb.region);
         let speed_m_per_s = if self.needs_hardware {
-            HAND.speed_m_per_s(12.0)
+            HAND.speed_m_per_s(mass_kg(&case.nominal))
         } else {
             CONTROLLED_M_PER_S
         };

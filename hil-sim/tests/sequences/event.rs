@@ -26,6 +26,9 @@ pub enum What {
     GaugeCreep(f64, f64),
     /// Amplitude \[N\] and frequency \[Hz\] of a ripple on the gauge.
     GaugeRipple(f64, f64),
+    /// A wire of the gauge opens: its amplifier drifts to its end at this rate \[N/s\]. Scenarios
+    /// have it, random cases do not.
+    GaugeOpens(f64),
     /// The gauge is off by this force \[N\].
     GaugeZero(f64),
     GaugeFrozen,
@@ -37,6 +40,8 @@ pub enum What {
     EncoderJump(f64),
     /// Every n-th tick is missed.
     TicksHalting(u32),
+    /// Every n-th tick is left. Scenarios have it, random cases do not.
+    TicksLeft(u32),
     /// So many ticks are missed in a row, at the beginning.
     TicksMissed(u32),
     /// Bits flip in a copy of the state, at the beginning.

@@ -26,9 +26,17 @@ pub fn run(case: &Case, without: Option<SafetyFunction>) -> Outcome {
     }
 }
 
+/// Makes the case of a seed.
+pub type Draw = fn(u64) -> Case;
+
 /// The cases with what happens in them, of which `is_run` selects some.
-pub fn run_all(count: u64, without: Option<SafetyFunction>, is_run: fn(&Case) -> bool) -> Vec<Ran> {
-    let cases = (0..count).into_par_iter().map(Case::new).filter(is_run);
+pub fn run_all(
+    draw: Draw,
+    count: u64,
+    without: Option<SafetyFunction>,
+    is_run: fn(&Case) -> bool,
+) -> Vec<Ran> {
+    let cases = (0..count).into_par_iter().map(draw).filter(is_run);
     let ran = cases.map(|case| {
         let outcome = run(&case, without);
         (case, outcome)

@@ -1,9 +1,10 @@
 //! The scenarios of an audit that found the first campaign too narrow.
 
-use super::case::Case;
+use super::case::{Case, rig_of_muscle};
 use super::event::{Event, What};
 use super::run::{Ran, run};
 use hil_sim::faults::ablation::SafetyFunction;
+use hil_sim::rig::Rig;
 use rayon::prelude::*;
 
 /// A scenario of the audit.
@@ -16,6 +17,7 @@ pub struct Scenario {
     pub foot_m: Option<f64>,
     /// The rig has the valve in the muscle's port.
     pub port: bool,
+    pub rig: Rig,
 }
 
 /// A scenario without a limb.
@@ -27,6 +29,7 @@ fn of(name: &'static str, before: &'static str, events: Vec<(What, f64, f64)>) -
         hand_m: None,
         foot_m: None,
         port: false,
+        rig: Rig::reference(),
     }
 }
 
@@ -152,19 +155,227 @@ fn limbs() -> Vec<Scenario> {
                 vec![lets_go],
             )
         },
-        Scenario {
-            foot_m: Some(0.02),
+    ]
+}
+
+/// A scenario in which a safety function keeps a bound of the body.
+pub struct Needed {
+    pub function: SafetyFunction,
+    pub scenario: Scenario,
+    /// The rig has an enabling device.
+    pub enabling: bool,
+    /// The bound that is violated without the function.
+    pub bound: &'static str,
+}
+
+const HEIGHT: &str = "height not asked for";
+const RELEASED: &str = "not released";
+
+/// Of each safety function one.
+pub fn needed() -> Vec<Needed> {
+    let of_gauge = gauge().map(|(function, scenario)| Needed {
+        function,
+        scenario,
+        enabling: false,
+        bound: HEIGHT,
+    });
+    let others = [a_hand_above(), a_foot_below(), a_fast_weight(), at_rest()];
+    of_gauge
+        .into_iter()
+        .chain(others.into_iter().flatten())
+        .collect()
+}
+
+/// Of the gauge, with nobody at the lever and no enabling device.
+fn gauge() -> [(SafetyFunction, Scenario); 3] {
+    let alone = |what| vec![(What::LetsGo, 1.25, 9.8), (what, 1.3, 9.8)];
+    [
+        (
+            SafetyFunction::SensorRange,
+            of(
+                "a wire of the gauge opens, nobody there",
+                "–",
+                alone(What::GaugeOpens(100.0)),
+            ),
+        ),
+        (
+            SafetyFunction::SensorStep,
+            of(
+                "the gauge jumps by 18 N, nobody there",
+                "–",
+                alone(What::GaugeZero(18.0)),
+            ),
+        ),
+        (
+            SafetyFunction::SelfCheck,
+            of(
+                "something lies on the lever from the start on, nobody there",
+                "–",
+                vec![(What::GaugeZero(10.0), 0.0, 9.8), (What::LetsGo, 1.25, 9.8)],
+            ),
+        ),
+    ]
+}
+
+/// A hand is 30 mm above the weight.
+fn a_hand_above() -> Vec<Needed> {
+    let hand = |name, events| Scenario {
+        hand_m: Some(0.03),
+        ..of(name, "–", events)
+    };
+    let pulls = |to_m| (What::Pushes(to_m), 1.5, 9.8);
+    vec![
+        Needed {
+            function: SafetyFunction::SensorStuck,
+            scenario: hand(
+                "a hand above, the gauge freezes, the person lets go",
+                vec![
+                    pulls(0.09),
+                    (What::GaugeFrozen, 2.4, 9.8),
+                    (What::LetsGo, 2.6, 9.8),
+                ],
+            ),
+            enabling: false,
+            bound: RELEASED,
+        },
+        Needed {
+            function: SafetyFunction::WeightWatch,
+            scenario: hand("a hand above, the lever is pulled up", vec![pulls(0.12)]),
+            enabling: true,
+            bound: "lasting force",
+        },
+        Needed {
+            function: SafetyFunction::EmergencyStop,
+            scenario: hand(
+                "a hand above, the lever stays up, somebody presses the emergency stop",
+                vec![pulls(0.09), (What::Stops, 3.0, 9.8)],
+            ),
+            enabling: true,
+            bound: RELEASED,
+        },
+    ]
+}
+
+/// A foot gets below the weight while it is lifted.
+fn a_foot_below() -> Vec<Needed> {
+    let foot = |foot_m, name, events| Scenario {
+        foot_m: Some(foot_m),
+        ..of(name, "–", events)
+    };
+    let lets_go = vec![(What::LetsGo, 3.0, 9.8)];
+    let by = |function, bound, scenario| Needed {
+        function,
+        scenario,
+        enabling: true,
+        bound,
+    };
+    let lowered = "a foot below, the person lets go";
+    vec![
+        by(
+            SafetyFunction::VentRamp,
+            "transient force",
+            foot(0.02, lowered, lets_go.clone()),
+        ),
+        by(
+            SafetyFunction::Retreat,
+            RELEASED,
+            foot(0.02, lowered, lets_go),
+        ),
+        by(
+            SafetyFunction::PressureWatch,
+            RELEASED,
+            Scenario {
+                port: true,
+                ..foot(
+                    0.02,
+                    "a foot below, the valve leaks to the exhaust, with a valve in the port",
+                    vec![
+                        (What::Pushes(0.1), 1.5, 9.8),
+                        (What::ValveAjar(0.1, 0.2), 3.0, 9.8),
+                    ],
+                )
+            },
+        ),
+        by(
+            SafetyFunction::SpeedTrip,
+            "transient force",
+            foot(
+                0.04,
+                "the lever is shaken by ±30 mm at 2.1 Hz, a foot below",
+                vec![
+                    (What::Pushes(0.07), 1.4, 9.8),
+                    (What::Shakes(0.03, 2.1), 1.5, 4.5),
+                ],
+            ),
+        ),
+        by(
+            SafetyFunction::MissedTicks,
+            RELEASED,
+            Scenario {
+                rig: rig_of_muscle(0.7, 1.0),
+                ..foot(
+                    0.055,
+                    "two of three ticks missed, later a foot below, a muscle of 0.7 times the area",
+                    vec![
+                        (What::TicksLeft(3), 1.6, 9.8),
+                        (What::Pushes(0.08), 1.6, 3.0),
+                        (What::Pushes(0.12), 3.0, 9.8),
+                        (What::LetsGo, 5.0, 9.8),
+                    ],
+                )
+            },
+        ),
+    ]
+}
+
+fn a_fast_weight() -> Vec<Needed> {
+    let by = |function, scenario| Needed {
+        function,
+        scenario,
+        enabling: true,
+        bound: "speed up",
+    };
+    vec![
+        by(
+            SafetyFunction::ReferenceSpeed,
+            of(
+                "the lever is pulled to its end at once",
+                "–",
+                vec![(What::Pushes(0.12), 1.5, 9.8)],
+            ),
+        ),
+        by(
+            SafetyFunction::MemoryVote,
+            of(
+                "a bit of the reference flips, in one copy",
+                "–",
+                vec![(What::Flip(28), 2.5, 3.0)],
+            ),
+        ),
+    ]
+}
+
+/// Nothing was asked for. Of the reference muscle, the pressure watch finds a pressure before it
+/// lifts the weight; a muscle of twice the diameter lifts it with 51 kPa.
+fn at_rest() -> Vec<Needed> {
+    vec![Needed {
+        function: SafetyFunction::RestWatch,
+        scenario: Scenario {
             port: true,
+            rig: rig_of_muscle(4.0, 1.0),
             ..of(
-                "a foot below, the valve leaks to the exhaust, with a valve in the port",
+                "the valve does not close while ready, a muscle of 4 times the area, with a valve \
+                 in the port",
                 "–",
                 vec![
-                    (What::Pushes(0.1), 1.5, 9.8),
-                    (What::ValveAjar(0.1, 0.2), 3.0, 9.8),
+                    (What::LetsGo, 0.0, 9.8),
+                    (What::ValveAjar(0.17, 0.2), 1.0, 9.8),
                 ],
             )
         },
-    ]
+        enabling: true,
+        bound: HEIGHT,
+    }]
 }
 
 pub fn of_scenario(
@@ -183,7 +394,7 @@ pub fn of_scenario(
             hand_m: scenario.hand_m,
             foot_m: scenario.foot_m,
             port: scenario.port,
-            ..Case::with(events.collect(), seed)
+            ..Case::with(scenario.rig.clone(), events.collect(), seed)
         }
     });
     cases

@@ -393,6 +393,12 @@ impl Board {
             .unwrap_or_default()
     }
 
+    /// Counts loads from the flash, too, from now on, for [`ExceptionEvent::cost`]. The program
+    /// must not change the flash afterwards: the engine does not support both.
+    pub fn count_loads(&mut self) {
+        self.cpu.count_loads();
+    }
+
     /// Bytes of memory as the core reads them; empty if the address is not mapped.
     pub fn read_memory(&self, address: u32, len: usize) -> Vec<u8> {
         self.cpu.memory(address, len).unwrap_or_default()

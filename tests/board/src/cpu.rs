@@ -1,7 +1,8 @@
 //! The core: the engine executes instructions; this adds what the engine lacks: sleep, stalls,
 //! resets, DMA.
 
-use crate::engine::{self, Engine, RAM, RAM_LEN, Special, kinds, must, part};
+use crate::cost::Cost;
+use crate::engine::{self, Engine, RAM, RAM_LEN, Special, instructions, must, part};
 use crate::flash::{self, mix};
 use crate::nvic::{BUS_FAULT, HARD_FAULT, Masks, SV_CALL, USAGE_FAULT};
 use crate::rcc::ResetCause;
@@ -21,6 +22,8 @@ pub struct ExceptionEvent {
     pub entered: bool,
     /// Instructions executed so far.
     pub instructions: u64,
+    /// What these take at most; without loads from the flash unless they are counted.
+    pub cost: Cost,
 }
 
 /// The core with its memories.
@@ -87,6 +90,23 @@ impl Cpu {
                     must(uc.mem_read(begin, &mut word));
                     let read = u32::from_le_bytes(word) | bits;
                     must(uc.mem_write(begin, &read.to_le_bytes()));
+                    true
+                }),
+        );
+        // Code that is translated already would not call the hook.
+        must(self.uc.ctl_flush_tb());
+    }
+
+    /// From now on loads from the flash are counted, which makes every load slow.
+    pub fn count_loads(&mut self) {
+        let (begin, end) = (
+            u64::from(flash::BASE),
+            u64::from(flash::BASE) + flash::LEN as u64 - 1,
+        );
+        must(
+            self.uc
+                .add_mem_hook(HookType::MEM_READ, begin, end, |uc, _, _, _, _| {
+                    uc.get_data_mut().follower.load();
                     true
                 }),
         );
@@ -169,8 +189,8 @@ impl Cpu {
             let (from, to) = (range.start.saturating_sub(2) & !1, (range.end + 1) & !1);
             let hooked = self.uc.get_data_mut();
             let cells = &hooked.soc.flash.cells[from..(to + 2).min(flash::LEN)];
-            let new = kinds(cells);
-            hooked.kinds[from / 2..to / 2].copy_from_slice(&new[..(to - from) / 2]);
+            let new = instructions(cells);
+            hooked.instructions[from / 2..to / 2].copy_from_slice(&new[..(to - from) / 2]);
         }
     }
 

@@ -4,6 +4,7 @@
 //! before each instruction advances time by one cycle, and stops the engine if an event is due, an
 //! exception is pending, the flash is busy or the core sleeps.
 
+use crate::cost::{self, Follower};
 use crate::flash;
 use crate::nvic::Masks;
 use crate::soc::{Soc, is_flash};
@@ -33,8 +34,10 @@ pub(crate) enum Special {
 pub(crate) struct Hooked {
     /// The chip.
     pub soc: Soc,
-    /// Kinds of the instructions in flash.
-    pub kinds: Vec<Kind>,
+    /// The instructions in flash.
+    pub instructions: Vec<Instruction>,
+    /// What they take at most.
+    pub follower: Follower,
     /// The engine must stop before the next instruction at or after this time.
     pub deadline: Time,
     /// An exception or a transfer may have become possible: stop before the next instruction.
@@ -85,12 +88,14 @@ impl Hooked {
     }
 
     fn read(&mut self, address: u32, size: usize) -> u64 {
+        self.follower.cost.registers += 1;
         let word = self.soc.read(address & !3);
         self.after_access();
         part(word, u64::from(address), size)
     }
 
     fn write(&mut self, address: u32, value: u64) {
+        self.follower.cost.registers += 1;
         self.soc
             .write(address & !3, (value as u32) << (8 * (address & 3)));
         self.after_access();
@@ -215,25 +220,40 @@ fn kind([first, second]: [u16; 2]) -> Kind {
     }
 }
 
-/// The kinds of all instructions in flash, computed in advance because the hook runs for each.
-pub(crate) fn kinds(cells: &[u8]) -> Vec<Kind> {
+/// What the hook has to know of an instruction.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(crate) struct Instruction {
+    kind: Kind,
+    /// Cycles at most.
+    cycles: u8,
+}
+
+fn instruction(code: [u16; 2]) -> Instruction {
+    Instruction {
+        kind: kind(code),
+        cycles: cost::cycles(code),
+    }
+}
+
+/// All instructions in flash, computed in advance because the hook runs for each.
+pub(crate) fn instructions(cells: &[u8]) -> Vec<Instruction> {
     let half = |i: usize| match cells.get(i..i + 2) {
         Some(bytes) => u16::from_le_bytes([bytes[0], bytes[1]]),
         None => 0,
     };
     (0..cells.len())
         .step_by(2)
-        .map(|i| kind([half(i), half(i + 2)]))
+        .map(|i| instruction([half(i), half(i + 2)]))
         .collect()
 }
 
 /// Runs before every instruction.
-fn before_instruction(uc: &mut Engine, address: u64, _size: u32) {
+fn before_instruction(uc: &mut Engine, address: u64, size: u32) {
     let address = address as u32;
     let in_flash = (address.wrapping_sub(flash::BASE) / 2) as usize;
-    let kind = match uc.get_data().kinds.get(in_flash) {
-        Some(kind) => *kind,
-        None => kind(fetch_from_ram(uc, address)),
+    let Instruction { kind, cycles } = match uc.get_data().instructions.get(in_flash) {
+        Some(instruction) => *instruction,
+        None => instruction(fetch_from_ram(uc, address)),
     };
     let hooked = uc.get_data_mut();
     let now = hooked.soc.now;
@@ -252,6 +272,9 @@ fn before_instruction(uc: &mut Engine, address: u64, _size: u32) {
     hooked.soc.pc = address;
     hooked.soc.now += hooked.soc.cycle;
     hooked.soc.instructions += 1;
+    hooked
+        .follower
+        .follow(address, size, cycles, is_flash(address));
     hooked.it_left = hooked.it_left.saturating_sub(1);
     match kind {
         Kind::Unmasks => hooked.recheck |= hooked.soc.nvic.is_anything_pending(),
@@ -293,7 +316,8 @@ fn add_hooks(uc: &mut Engine<'static>) {
 /// An engine with the memories and registers of the chip.
 pub(crate) fn new(soc: Soc) -> Engine<'static> {
     let hooked = Hooked {
-        kinds: kinds(&soc.flash.cells),
+        instructions: instructions(&soc.flash.cells),
+        follower: Follower::default(),
         soc,
         deadline: 0,
         recheck: false,

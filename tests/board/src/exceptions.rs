@@ -49,17 +49,20 @@ impl Cpu {
 
     fn record(&mut self, exception: usize, entered: bool) {
         let (time_ns, instructions) = (to_ns(self.soc().now), self.soc().instructions);
+        let cost = self.uc.get_data().follower.cost;
         if let Some(trace) = &mut self.trace {
             trace.push(ExceptionEvent {
                 time_ns,
                 exception,
                 entered,
                 instructions,
+                cost,
             });
         }
     }
 
     fn spend(&mut self, cycles: u64) {
+        self.uc.get_data_mut().follower.cost.core_cycles += cycles;
         let soc = self.soc_mut();
         soc.now += cycles * soc.cycle;
     }

@@ -5,7 +5,7 @@
 mod assembler;
 
 use assembler::board;
-use emulated_board::{Board, ResetCause};
+use emulated_board::{Board, Cost, ResetCause};
 
 const MS: u64 = 1_000_000;
 /// Address at which the programs store their results.
@@ -341,6 +341,51 @@ fn instructions_take_one_cycle_and_runs_are_identical() {
         (instructions as f64 - time_ns as f64 * 0.016).abs() < 2.0,
         "{instructions}"
     );
+}
+
+/// In the handler: 2 cycles of the load from the flash, 2 + 2 of two of the RAM, 4 of the branch,
+/// 12 of the division, 1 of the move, 4 of the return. It is branched to, as is the label.
+#[test]
+fn cost_is_that_of_the_executed_path() {
+    let mut board = board(
+        "reset:
+            const r4, 0xe000e100
+            movs r5, #2
+            const r6, 0x20001000
+            const r3, 0xe000e200
+            mov r1, #3
+            str r5, [r4]
+            str r5, [r3]
+            b .
+            .balign 16
+        irq1: ldr r0, value
+            str r0, [r6]
+            ldr r2, [r6]
+            b label
+            .balign 16
+        label: udiv r0, r0, r1
+            mov r0, #1
+            bx lr
+            .balign 4
+        value: .word 42",
+    );
+    board.count_loads();
+    board.trace_exceptions(true);
+    board.run_until(MS);
+    assert_eq!(words(&board, 1), [42]);
+    let [entered, left] = board.exceptions()[..] else {
+        panic!("an interrupt")
+    };
+    let cost = left.cost.since(&entered.cost);
+    let expected = Cost {
+        core_cycles: 2 + 2 + 2 + 4 + 12 + 1 + 4,
+        branches: 2,
+        // after the load
+        lines: 1,
+        loads: 1,
+        registers: 0,
+    };
+    assert_eq!(cost, expected);
 }
 
 #[test]

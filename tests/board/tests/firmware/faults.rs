@@ -30,7 +30,7 @@ const TELEMETRY_NS: u64 = 3 * MS;
 /// Addresses of the two flash sectors of the settings.
 const SECTORS: [u32; 2] = [0x0804_0000, 0x0806_0000];
 /// Part of the symbol that RTIC generates for the `Device` in RAM.
-const DEVICE: &str = "rtic_internal_local_resource_device";
+pub const DEVICE: &str = "rtic_internal_local_resource_device";
 
 /// The board as a unit of the campaign, one tick per call.
 pub struct OnBoard {

@@ -1,11 +1,13 @@
 //! The emergency stop, the pulses for the valve in the muscle's port, and the status lamp.
 
+use crate::faults::DEVICE;
 use crate::rig::{ENABLING, LAMP, MS, PORT, Rig, STOP, TICK_NS};
-use model_core::device::Command;
-use model_core::io::Request;
+use model_core::device::{Command, Device};
+use model_core::io::{Request, Sensors};
 use model_core::lamp;
 use model_core::link::ToDevice;
 use model_core::settings::SettingsValues;
+use model_core::signal::AdcCount;
 use model_core::supervisor::{Fault, Mode};
 
 /// Pull-up and pull-down registers of ports A and B, and the field of a pin that is pulled down.
@@ -131,5 +133,38 @@ fn enabling_device_begins_and_ends_what_moves() {
     rig.run_ms(30);
     let output = rig.last_telemetry().output;
     assert_eq!((output.mode, output.fault), (Mode::Venting, None));
+    rig.assert_no_errors();
+}
+
+/// All that the device knows is overwritten with zeros: the weight is let down from the measured
+/// pressure, at 200 kPa/s, and nothing begins after it.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn memory_that_is_overwritten_lets_the_weight_down() {
+    let mut rig = assisting();
+    let pressure = SettingsValues::reference().pressure_sensor.count(2e5);
+    let device = rig.board.symbol_with(DEVICE).expect("the device");
+    // After a tick.
+    rig.next_tick_ns();
+    rig.board.run_for(MS);
+    rig.apply(&Sensors {
+        bridge: AdcCount(2048),
+        pressure,
+        ..Sensors::default()
+    });
+    rig.board.write_ram(device, &[0; size_of::<Device>()]);
+    // Without the noise of a sensor at rest.
+    rig.board.run_for(30 * MS);
+    // 200 kPa are 1.32 V, and each tick of the ramp takes 13 mV.
+    let volts = rig.board.dac_volts(1);
+    assert!((1.26..=1.32).contains(&volts), "{volts} V");
+    let output = rig.last_telemetry().output;
+    let expected = (Mode::Venting, Some(Fault::Memory));
+    assert_eq!((output.mode, output.fault), expected);
+    for request in [Request::Reset, Request::Assist, Request::Reset] {
+        rig.run_ms(300);
+        rig.send(&ToDevice::Command(Command::Request(request)));
+    }
+    assert_eq!(rig.last_telemetry().output.mode, Mode::Venting);
     rig.assert_no_errors();
 }

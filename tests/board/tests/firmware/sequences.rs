@@ -22,7 +22,7 @@ use model_core::io::Request;
 use model_core::link::ToDevice;
 use model_core::supervisor::Fault;
 
-/// Count of cases; the environment variable SEQUENCES overrides it.
+/// Count of cases on each kind of rig; the environment variable SEQUENCES overrides it.
 const CASES: u64 = 40;
 /// Difference of speed \[m/s\] between board and PC that the board's DAC and the time of its first
 /// tick explain.
@@ -57,8 +57,11 @@ fn verdict(case: &Case, outcome: &Outcome) -> (Option<Fault>, Vec<&'static str>)
 fn sequences_end_on_the_board_as_they_do_on_the_pc() {
     let cases = std::env::var("SEQUENCES").map_or(CASES, |n| n.parse().expect("a number"));
     let (mut compared, mut latched, mut differing) = (0, 0, Vec::new());
-    for seed in 0..cases {
-        let case = Case::new(seed);
+    // On the reference rig, and on others.
+    let draws = [Case::new, Case::on_another_rig];
+    let drawn = (0..cases).flat_map(|seed| draws.map(|draw| draw(seed)));
+    for case in drawn {
+        let seed = case.seed;
         let flips = |what| matches!(what, What::Flip(_));
         if case.events.iter().any(|event| flips(event.what)) {
             continue;
@@ -84,7 +87,10 @@ fn sequences_end_on_the_board_as_they_do_on_the_pc() {
         compared += 1;
         latched += u32::from(on_pc.fault.is_some());
     }
-    println!("{compared} of {cases} cases compared, {latched} with a reason");
+    println!(
+        "{compared} of {} cases compared, {latched} with a reason",
+        2 * cases
+    );
     assert!(differing.is_empty(), "{differing:#?}");
     assert!(compared > 0 && latched > 0);
 }

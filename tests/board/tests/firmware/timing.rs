@@ -2,7 +2,7 @@
 
 use crate::budget::instructions_max;
 use crate::rig::{MS, Rig, TICK_EXCEPTION, TICK_NS};
-use emulated_board::ExceptionEvent;
+use emulated_board::{Cost, ExceptionEvent};
 use model_core::link::{Decoder, FromDevice, ToDevice};
 
 /// Control register of TIM2, which starts the conversions.
@@ -19,6 +19,8 @@ pub struct TickRecord {
     pub time_ns: u64,
     /// Instructions from entry to return.
     pub instructions: u64,
+    /// What they take at most.
+    pub cost: Cost,
 }
 
 /// Ticks in `events`, which must start and end outside a tick. Includes what preempts them.
@@ -32,6 +34,7 @@ pub fn ticks(events: &[ExceptionEvent]) -> Vec<TickRecord> {
         .map(|pair| TickRecord {
             time_ns: pair[0].time_ns,
             instructions: pair[1].instructions - pair[0].instructions,
+            cost: pair[1].cost.since(&pair[0].cost),
         })
         .collect()
 }

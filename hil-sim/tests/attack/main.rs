@@ -1,7 +1,10 @@
 //! Attacks over the serial link, with nothing but docs/link.md in hand: what they reach on a rig
 //! with a person at the lever, with nobody there, and with a person at the button.
 
+mod wire;
+
 use hil_sim::faults::kind::{KINDS, Memory};
+use hil_sim::faults::outcome::Outcome;
 use hil_sim::faults::run::run;
 use hil_sim::faults::unit::{DeviceOutput, Unit};
 use hil_sim::faults::{Case, Moment};
@@ -9,7 +12,7 @@ use model_core::device::{Command, Device, Pins, SimulatedSensors};
 use model_core::gate::{Decision, SettingsGate};
 use model_core::io::{Request, Sensors};
 use model_core::limits::{LIMITS, safety_hash};
-use model_core::link::{Signature, ToDevice};
+use model_core::link::{Decoder, FRAME_LEN_MAX, FromDevice, Signature, Source, ToDevice, encode};
 use model_core::settings::{Settings, SettingsValues};
 use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::Mode;
@@ -109,6 +112,26 @@ fn message(random: &mut impl Rng, sequence: u32) -> ToDevice {
     }
 }
 
+/// What an attacker has seen of the board.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Assistance or a test signal has begun, or the valve has had a voltage.
+    moves: bool,
+    /// Messages that the board has understood, by their number.
+    messages: [usize; 6],
+}
+
+fn postcard_number(message: &ToDevice) -> usize {
+    match message {
+        ToDevice::Identify => 0,
+        ToDevice::ReadSettings => 1,
+        ToDevice::WriteSettings(_) => 2,
+        ToDevice::Command(_) => 3,
+        ToDevice::Sign(_) => 4,
+        ToDevice::ReadChange(_) => 5,
+    }
+}
+
 /// The board's program, and an attacker at its link.
 struct Attacked {
     device: Device,
@@ -120,11 +143,15 @@ struct Attacked {
     random: Pcg64Mcg,
     /// Probability of a message in a tick.
     rate: f64,
+    /// Sends bytes instead of messages.
+    bytes: Option<(wire::Attacker, Decoder)>,
     /// The message that is repeated for a while, as a plain attack needs it.
     repeated: Option<ToDevice>,
     ticks: u32,
     pressed_ticks: u32,
     mode: Mode,
+    /// Modes that were reached, and messages that were understood, by their number.
+    seen: Seen,
     /// Signatures that say that a person has confirmed.
     confirmed: usize,
 }
@@ -140,10 +167,12 @@ impl Attacked {
             button,
             rate: [0.02, 0.1, 1.0][random.random_range(0..3)],
             random,
+            bytes: None,
             repeated: None,
             ticks: 0,
             pressed_ticks: 0,
             mode: Mode::SelfCheck,
+            seen: Seen::default(),
             confirmed: 0,
         }
     }
@@ -180,6 +209,26 @@ impl Attacked {
         }
     }
 
+    /// The commands in the bytes that arrive in a tick.
+    fn receive_bytes(&mut self, random_rate: bool) -> Vec<Command> {
+        let Some((mut attacker, mut decoder)) = self.bytes.take() else {
+            return Vec::new();
+        };
+        let mut commands = Vec::new();
+        if random_rate {
+            for byte in attacker.bytes(&mut self.random) {
+                if let Some(Ok(message)) = decoder.push::<ToDevice>(byte) {
+                    // The first byte of the body is the message's number.
+                    let number = postcard_number(&message);
+                    self.seen.messages[number] += 1;
+                    commands.extend(self.receive(message));
+                }
+            }
+        }
+        self.bytes = Some((attacker, decoder));
+        commands
+    }
+
     fn receive(&mut self, message: ToDevice) -> Option<Command> {
         match message {
             ToDevice::Command(command) => return Some(command),
@@ -203,7 +252,9 @@ impl Unit for Attacked {
     fn tick(&mut self, pins: &Pins, missed_ticks: u8, _: f64, _: &[u8]) -> DeviceOutput {
         self.ticks += 1;
         let mut commands = Vec::new();
-        if self.random.random_bool(self.rate) {
+        let sends = self.random.random_bool(self.rate);
+        commands.extend(self.receive_bytes(sends));
+        if sends && self.bytes.is_none() {
             let message = message(&mut self.random, self.ticks);
             if self.random.random_bool(0.2) {
                 self.repeated = self.random.random_bool(0.7).then_some(message);
@@ -223,6 +274,9 @@ impl Unit for Attacked {
         };
         let tick = self.device.tick(&pins, timing, commands.into_iter());
         self.mode = tick.telemetry.output.mode;
+        let from_pins = tick.telemetry.source == Source::Pins;
+        self.seen.moves |= from_pins && matches!(self.mode, Mode::Assisting | Mode::Playing);
+        self.seen.moves |= tick.valve.get() > 0;
         let gate = self.gate.as_mut();
         if let Some(decision) = tick.verdict.and_then(|verdict| gate?.decide(verdict)) {
             self.carry_out(decision);
@@ -254,19 +308,28 @@ struct Reached {
     beyond: bool,
 }
 
-fn attack(seed: u64, is_gated: bool, button: Button) -> Reached {
-    let healthy = &KINDS[0];
-    let mut case = Case::of(healthy, 7, seed);
-    // From the start on, with a person who lifts, or with nobody at the lever.
+/// A healthy rig, with a person who lifts, or with nobody at the lever.
+fn attacked_case(seed: u64) -> Case {
+    let mut case = Case::of(&KINDS[0], 7, seed);
+    // From the start on.
     case.moment = match seed % 2 {
         0 => Moment::Start,
         _ => Moment::Playing,
     };
     case.fault_s = 0.0;
     case.ends_s += 10.0;
+    case
+}
+
+fn attack(seed: u64, is_gated: bool, button: Button) -> Reached {
+    let case = attacked_case(seed);
     let settings = Settings::new(SettingsValues::reference()).unwrap();
     let mut unit = Attacked::new(settings, seed, is_gated, button);
     let outcome = run(&case, &settings, &mut unit, |_| {}).unwrap();
+    reached(&unit, &settings, &outcome)
+}
+
+fn reached(unit: &Attacked, settings: &Settings, outcome: &Outcome) -> Reached {
     let bounds = outcome.bounds;
     Reached {
         up_m_per_s: outcome.speed_up_m_per_s_max,
@@ -315,4 +378,77 @@ fn the_same_attacks_disarm_a_board_without_the_gate() {
     let reached = attacks(200, false, Button::Begins);
     assert!(reached.iter().filter(|one| one.disarmed).count() > 50);
     assert!(reached.iter().any(|one| one.beyond));
+}
+
+/// With bytes that follow docs/link.md and bytes that do not: on a rig with an enabling device that
+/// nobody holds nothing moves; on one without nothing moves beyond its bounds. In neither the
+/// safety block changes, unless the gate is missing.
+fn attack_with_bytes(seed: u64, is_gated: bool, enabling: bool, button: Button) -> (Reached, Seen) {
+    let case = attacked_case(seed);
+    let values = SettingsValues {
+        enabling_device: enabling.into(),
+        // The most dangerous experiment is allowed.
+        play_pressure_pa_max: 5e5,
+        ..SettingsValues::reference()
+    };
+    let settings = Settings::new(values).unwrap();
+    let mut unit = Attacked::new(settings, seed, is_gated, button);
+    let mut buffer = [0; FRAME_LEN_MAX];
+    let heard = encode(&FromDevice::Settings(values), &mut buffer).unwrap();
+    unit.bytes = Some((wire::Attacker::new(heard), Decoder::new()));
+    unit.rate = 1.0;
+    let outcome = run(&case, &settings, &mut unit, |_| {}).unwrap();
+    (reached(&unit, &settings, &outcome), unit.seen)
+}
+
+/// Number of attacks with bytes, each way: `ATTACKS`; a few by default.
+fn byte_attacks() -> u64 {
+    let asked = std::env::var("ATTACKS").ok();
+    asked.map_or(60, |asked| asked.parse().expect("ATTACKS: a number"))
+}
+
+#[test]
+fn no_bytes_on_the_link_move_what_nobody_enables_or_change_the_safety_block() {
+    let mut understood = [0; 6];
+    for (enabling, button) in [
+        (true, Button::Untouched),
+        (true, Button::Begins),
+        (true, Button::Stuck),
+        (false, Button::Untouched),
+        (false, Button::Begins),
+        (false, Button::Stuck),
+    ] {
+        let seeds = (0..byte_attacks()).into_par_iter();
+        let attacks: Vec<_> = seeds
+            .map(|seed| attack_with_bytes(seed, true, enabling, button))
+            .collect();
+        for (seed, (reached, seen)) in attacks.iter().enumerate() {
+            let held = !reached.disarmed && !reached.forged && !reached.beyond;
+            assert!(held, "{enabling} {button:?}, seed {seed}: {reached:?}");
+            assert!(!(enabling && seen.moves), "{button:?}, seed {seed} moves");
+        }
+        let moved = attacks.iter().filter(|(_, seen)| seen.moves).count();
+        for (_, seen) in &attacks {
+            let counts = understood.iter_mut().zip(seen.messages);
+            counts.for_each(|(count, more)| *count += more);
+        }
+        let count = attacks.len();
+        println!("enabling {enabling}, {button:?}: {count} attacks with bytes, {moved} move");
+        // So the attacks are worth something.
+        assert!(enabling || 2 * moved > count, "{moved}");
+    }
+    println!("messages that were understood, by number: {understood:?}");
+    assert!(understood.iter().all(|count| *count > 1_000));
+}
+
+#[test]
+fn the_same_bytes_disarm_a_board_without_the_gate() {
+    let seeds = (0..40).into_par_iter();
+    let disarmed = seeds.filter(|seed| {
+        let (reached, _) = attack_with_bytes(*seed, false, false, Button::Untouched);
+        reached.disarmed
+    });
+    let disarmed = disarmed.count();
+    println!("without the gate: {disarmed} of 40 disarmed");
+    assert!(disarmed > 10, "{disarmed}");
 }
