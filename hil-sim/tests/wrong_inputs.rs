@@ -273,8 +273,8 @@ const ARGUMENTS: [Wrong; 23] = [
     (
         || TABLE.replace("pressure_bar", "pressure_kpa").into(),
         "rig new new.toml --muscle wrong --length 0.3",
-        "wrong: expected pressures of a muscle, found none above 3000.000 Pa: is the column in bar, \
-         kPa or MPa? Its name has the unit, as `pressure_bar`",
+        "wrong: expected pressures of a muscle, found none above 3000.000 Pa: is the column in \
+         bar, kPa or MPa? Its name has the unit, as `pressure_bar`",
     ),
     (
         || TABLE.into(),

@@ -175,7 +175,7 @@ pub fn read_file(path: &Path) -> Result<(Vec<&'static EffectKind>, Table), BadIn
     }
     let table = tables(document);
     if table.is_empty() {
-        return Err(BadInput::file(&file, &format!("{expected}, found none")));
+        return Err(BadInput::file(&file, format!("{expected}, found none")));
     }
     Ok((kinds, table))
 }

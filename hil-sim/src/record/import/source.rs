@@ -362,8 +362,8 @@ impl<'a> Csv<'a> {
             let beyond = cells.iter().skip(csv.names.len());
             if kind != Text::Sheet && beyond.clone().any(|cell| !cell.trim().is_empty()) {
                 let expected = format!(
-                    "{} cells as in the first row, found {}; lines above the names need `skip_lines`, \
-                     decimal commas another delimiter",
+                    "{} cells as in the first row, found {}; lines above the names need \
+                     `skip_lines`, decimal commas another delimiter",
                     csv.names.len(),
                     cells.len()
                 );
