@@ -227,17 +227,18 @@ impl Instance {
 
     /// The value of an input; `None` if the model lacks it.
     fn input(&self, input: Input) -> Option<f64> {
-        let is_it = |role: Role| matches!(role, Role::Input(other) if other == input);
-        let mut variables = self.model.variables.iter();
-        let index = variables.position(|variable| is_it(variable.role))?;
-        Some(self.values[index])
+        self.value_of(|role| matches!(role, Role::Input(other) if other == input))
     }
 
     /// The value of a setting; `None` if the model lacks it.
     fn setting(&self, setting: Setting) -> Option<f64> {
-        let is_it = |role: Role| matches!(role, Role::Setting(other) if other == setting);
+        self.value_of(|role| matches!(role, Role::Setting(other) if other == setting))
+    }
+
+    /// The value of the variable whose role is `it`.
+    fn value_of(&self, it: impl Fn(Role) -> bool) -> Option<f64> {
         let mut variables = self.model.variables.iter();
-        let index = variables.position(|variable| is_it(variable.role))?;
+        let index = variables.position(|variable| it(variable.role))?;
         Some(self.values[index])
     }
 

@@ -408,11 +408,10 @@ impl Model {
             let Some(start) = (key.value)(&mut self.rig).map(|value| *value) else {
                 continue;
             };
-            let unit = if key.unit == "-" { "1" } else { key.unit };
             self.variables.push(Variable {
                 name: format!("{}.{}", key.section, key.name),
                 description: format!("Key `{}` of section `{}` of the rig", key.name, key.section),
-                unit: Some(unit),
+                unit: Some(fmi_unit(key.unit)),
                 start,
                 range: Some([key.min, key.max]),
                 role: Role::Number(key),
@@ -459,11 +458,7 @@ impl Model {
                 self.variables.push(Variable {
                     name: format!("{name}.{}", parameter.name),
                     description: format!("Parameter of effect `{}`", effect.kind.name),
-                    unit: Some(if parameter.unit == "-" {
-                        "1"
-                    } else {
-                        parameter.unit
-                    }),
+                    unit: Some(fmi_unit(parameter.unit)),
                     start: *value,
                     range: Some([parameter.min, parameter.max]),
                     role: Role::EffectValue(number, place),
@@ -471,6 +466,11 @@ impl Model {
             }
         }
     }
+}
+
+/// A rig's unit in the model description, where a number without one has the unit 1.
+fn fmi_unit(unit: &'static str) -> &'static str {
+    if unit == "-" { "1" } else { unit }
 }
 
 /// Whether an effect of this kind can act on the `simulated` part of the plant.

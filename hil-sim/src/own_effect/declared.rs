@@ -181,8 +181,7 @@ pub fn read_file(path: &Path) -> Result<(Vec<&'static EffectKind>, Table), BadIn
 }
 
 /// The tables of a document's effects by their names, free to be put into another document.
-pub fn tables(document: DocumentMut) -> Table {
-    let mut document = document;
+pub fn tables(mut document: DocumentMut) -> Table {
     let table = document.remove(KEY).and_then(|item| item.into_table().ok());
     let mut table = table.unwrap_or_default();
     unplace(&mut table);

@@ -139,9 +139,7 @@ impl Expression {
             match wanted {
                 Some(UNKNOWN) => {
                     let word: String = text[error.offset()..].chars().take_while(in_word).collect();
-                    let functions = FUNCTIONS.iter().map(|(name, _)| *name);
-                    let functions = functions.chain(OPERATIONS.iter().map(|(name, _)| *name));
-                    let known = names.iter().copied().chain(functions);
+                    let known = names.iter().copied().chain(function_names());
                     let known: Vec<_> = known.filter(|name| !name.is_empty()).collect();
                     crate::error::one_of(&known, &word)
                 }
@@ -353,11 +351,13 @@ impl fmt::Display for Shown<'_> {
 
 /// Whether a word is the name of a function or a number.
 pub(super) fn is_reserved(word: &str) -> bool {
+    word == "pi" || function_names().any(|name| name == word)
+}
+
+/// The names of all functions.
+fn function_names<'a>() -> impl Iterator<Item = &'a str> {
     let functions = FUNCTIONS.iter().map(|(name, _)| *name);
-    let mut operations = OPERATIONS.iter().map(|(name, _)| *name);
-    word == "pi"
-        || functions.clone().any(|name| name == word)
-        || operations.any(|name| name == word)
+    functions.chain(OPERATIONS.iter().map(|(name, _)| *name))
 }
 
 type Read<T> = Result<T, ErrMode<ContextError>>;

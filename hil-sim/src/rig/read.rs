@@ -233,8 +233,6 @@ fn kind_of(item: &Item) -> &'static str {
 }
 
 impl<'a> File<'a> {
-    /// The catalogue with the effects that are declared in the file and in those beside it, and
-    /// the text of the latter.
     /// The catalogue with the effects that the file and those beside it declare, and the tables of
     /// the latter.
     fn with_own_effects(&self, table: &dyn TableLike) -> Result<(Catalogue, Table), BadInput> {

@@ -422,12 +422,11 @@ impl<M: Model> Engine<'_, M> {
         let mut modes: Vec<Option<Mode>> = unknowns.iter().map(mode).collect();
         for (place, unknown) in unknowns.iter().enumerate() {
             let density = |own: &Mode| own.log_density(*unknown);
-            let best = modes.iter().flatten();
-            let best = best.max_by(|a, b| density(a).total_cmp(&density(b)));
             let reached = modes[place].as_ref().map(density);
-            let Some(other) =
-                best.filter(|other| reached.is_none_or(|own| density(other) > own + PROMISED))
-            else {
+            let others = modes.iter().flatten().map(|own| (density(own), own));
+            let best = others.max_by(|a, b| a.0.total_cmp(&b.0));
+            let is_more = |other: f64| reached.is_none_or(|own| other > own + PROMISED);
+            let Some((_, other)) = best.filter(|best| is_more(best.0)) else {
                 continue;
             };
             let there = (Rc::clone(&other.about), other.weights.clone());
