@@ -115,6 +115,9 @@ pub struct Coordinate {
     pub values: Vec<f64>,
 }
 
+/// Residuals as a function of nominal values, in standard deviations, and effects.
+pub type Near<'a> = Box<dyn Fn(&[f64], &[Active]) -> Option<Residuals> + Send + Sync + 'a>;
+
 /// What is diagnosed.
 pub trait Model: Sync {
     /// How many records there are; those that are fitted come first.
@@ -147,6 +150,18 @@ pub trait Model: Sync {
         effects: &[Active],
     ) -> Option<Residuals> {
         self.residuals(record, block, nominal, effects)
+    }
+    /// Residuals of a block over a record close to where they are `found`, `as_expected` or not:
+    /// what the model seeks for each record stays where it was found there, but for what is linear
+    /// about it, so that they are smooth. `None`, by default, where they are that themselves.
+    fn near<'a>(
+        &'a self,
+        _piece: (usize, usize),
+        _as_expected: bool,
+        _values: (&[f64], &[Active]),
+        _found: &[f64],
+    ) -> Option<Near<'a>> {
+        None
     }
     /// How many residuals a block has over a record.
     fn rows(&self, record: usize, block: usize) -> usize;
@@ -316,6 +331,57 @@ const SYSTEMATIC: f64 = 0.04;
 /// Stretches of time into which a record is cut for the scatter of its residuals.
 const CLUSTERS: usize = 20;
 
+/// Residuals of the pieces of a problem about a place, for difference quotients.
+struct About<'a>(Vec<Piece<'a>>);
+
+struct Piece<'a> {
+    record: usize,
+    block: usize,
+    near: Option<Near<'a>>,
+    base: Residuals,
+}
+
+impl<'a> About<'a> {
+    /// The pieces of `problem`, which is of `model`, about a place with `values`, where their
+    /// residuals are `base`.
+    fn new<M: Model>(
+        model: &'a M,
+        problem: &Problem<M>,
+        base: &Residuals,
+        values: (&[f64], &[Active]),
+    ) -> Option<About<'a>> {
+        let mut first = 0;
+        let located = problem.pieces().map(|(record, block)| {
+            let rows = first..first + model.rows(record, block);
+            first = rows.end;
+            (record, block, rows)
+        });
+        let located: Vec<_> = located.collect();
+        let pieces = located.into_par_iter().map(|(record, block, rows)| {
+            let found = &base.values[rows.clone()];
+            let near = model.near((record, block), problem.expected, values, found);
+            let own = match &near {
+                Some(near) => problem.finished(near(values.0, values.1))?,
+                None => Residuals {
+                    values: found.to_vec(),
+                    slack: base.slack[rows].to_vec(),
+                },
+            };
+            Some(Piece {
+                record,
+                block,
+                near,
+                base: own,
+            })
+        });
+        Some(About(pieces.collect::<Option<_>>()?))
+    }
+
+    fn rows(&self) -> usize {
+        self.0.iter().map(|piece| piece.base.values.len()).sum()
+    }
+}
+
 struct Problem<'a, M> {
     model: &'a M,
     blocks: &'a [usize],
@@ -403,36 +469,52 @@ impl<'a, M: Model> Problem<'a, M> {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
-        let residuals = if self.expected {
+        if self.expected {
             self.model
-                .residuals_as_expected(record, block, nominal, effects)?
+                .residuals_as_expected(record, block, nominal, effects)
         } else {
-            self.model.residuals(record, block, nominal, effects)?
-        };
-        residuals.finite().then_some(residuals)
+            self.model.residuals(record, block, nominal, effects)
+        }
     }
 
-    /// How the residuals change from `base` with other nominal values and effects, where they move
-    /// a block at all; dead zones as in `base`.
+    /// Residuals that are numbers, with dead zones as they are asked for.
+    fn finished(&self, residuals: Option<Residuals>) -> Option<Residuals> {
+        let residuals = residuals.filter(Residuals::finite)?;
+        Some(if self.edged {
+            residuals.edged()
+        } else {
+            residuals
+        })
+    }
+
+    /// How the residuals change from those `about` a place with other nominal values and effects,
+    /// where they move a block at all.
     fn change(
         &self,
-        base: &Residuals,
+        about: &About,
         moves: &dyn Fn(usize) -> bool,
         (nominal, effects): (&[f64], &[Active]),
     ) -> Option<Slopes> {
-        let mut values = DMatrix::zeros(base.values.len(), 1);
+        let mut values = DMatrix::zeros(about.rows(), 1);
         let mut slack = values.clone();
         let mut row = 0;
-        for (record, block) in self.pieces() {
-            if !moves(block) {
-                row += self.model.rows(record, block);
+        for piece in &about.0 {
+            let base = &piece.base;
+            if !moves(piece.block) {
+                row += base.values.len();
                 continue;
             }
-            let moved = self.computed((record, block), nominal, effects)?;
-            let moved = if self.edged { moved.edged() } else { moved };
-            for (value, own) in moved.values.iter().zip(&moved.slack) {
-                values[row] = value - base.values[row];
-                slack[row] = own - base.slack[row];
+            let moved = match &piece.near {
+                Some(near) => near(nominal, effects),
+                None => self.computed((piece.record, piece.block), nominal, effects),
+            };
+            let moved = self.finished(moved)?;
+            let own = moved.values.iter().zip(&moved.slack);
+            for ((value, slack_moved), (own, own_slack)) in
+                own.zip(base.values.iter().zip(&base.slack))
+            {
+                values[row] = value - own;
+                slack[row] = slack_moved - own_slack;
                 row += 1;
             }
         }
@@ -456,6 +538,39 @@ impl<'a, M: Model> Problem<'a, M> {
         let parameter = number.and_then(|number| self.parameters().nth(number));
         let most = parameter.map_or(f64::INFINITY, |(_, parameter)| parameter.reach().1);
         if x[place] + STEP > most { -STEP } else { STEP }
+    }
+
+    /// Slopes of the residuals `about` the place `x`.
+    fn slopes_about(&self, x: &DVector<f64>, about: &About) -> Option<Slopes> {
+        let rows = about.rows();
+        let mut slopes = Slopes {
+            values: DMatrix::zeros(rows, x.len()),
+            slack: DMatrix::zeros(rows, x.len()),
+        };
+        let slope = |place: usize| {
+            let moves = |block| self.moves(place, block);
+            let by = |step: f64| {
+                let mut moved = x.clone();
+                moved[place] += step;
+                let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
+                let change = self.change(about, &moves, with)?;
+                Some((step, change))
+            };
+            // Beside a place without a solution the other way may have one.
+            let step = self.step(x, place);
+            by(step).or_else(|| by(-step))
+        };
+        let columns = (0..x.len()).into_par_iter().map(slope);
+        let columns: Vec<(f64, Slopes)> = columns.collect::<Option<_>>()?;
+        for (place, (step, change)) in columns.into_iter().enumerate() {
+            slopes
+                .values
+                .set_column(place, &(change.values.column(0) / step));
+            slopes
+                .slack
+                .set_column(place, &(change.slack.column(0) / step));
+        }
+        Some(slopes)
     }
 
     /// The fit at `found`, with what it predicts.
@@ -496,45 +611,21 @@ impl<'a, M: Model> Problem<'a, M> {
 impl<M: Model> super::least_squares::Problem for Problem<'_, M> {
     fn residuals(&mut self, x: &DVector<f64>) -> Option<Residuals> {
         let pieces: Vec<_> = self.pieces().collect();
-        let pieces = pieces.into_par_iter().map(|piece| self.piece(x, piece));
+        let pieces = pieces
+            .into_par_iter()
+            .map(|piece| self.finished(self.piece(x, piece)));
         let pieces: Vec<Residuals> = pieces.collect::<Option<_>>()?;
         let mut all = Residuals::default();
         for piece in pieces {
-            all.extend(if self.edged { piece.edged() } else { piece });
+            all.extend(piece);
         }
         Some(all)
     }
 
     fn slopes(&mut self, x: &DVector<f64>, base: &Residuals) -> Option<Slopes> {
-        let rows = base.values.len();
-        let mut slopes = Slopes {
-            values: DMatrix::zeros(rows, x.len()),
-            slack: DMatrix::zeros(rows, x.len()),
-        };
-        let slope = |place: usize| {
-            let moves = |block| self.moves(place, block);
-            let by = |step: f64| {
-                let mut moved = x.clone();
-                moved[place] += step;
-                let with = (&self.nominal(&moved)[..], &self.effects(&moved)[..]);
-                let change = self.change(base, &moves, with)?;
-                Some((step, change))
-            };
-            // Beside a place without a solution the other way may have one.
-            let step = self.step(x, place);
-            by(step).or_else(|| by(-step))
-        };
-        let columns = (0..x.len()).into_par_iter().map(slope);
-        let columns: Vec<(f64, Slopes)> = columns.collect::<Option<_>>()?;
-        for (place, (step, change)) in columns.into_iter().enumerate() {
-            slopes
-                .values
-                .set_column(place, &(change.values.column(0) / step));
-            slopes
-                .slack
-                .set_column(place, &(change.slack.column(0) / step));
-        }
-        Some(slopes)
+        let values = (&self.nominal(x)[..], &self.effects(x)[..]);
+        let about = About::new(self.model, self, base, values)?;
+        self.slopes_about(x, &about)
     }
 
     fn priors(&self, x: &DVector<f64>) -> Vec<Prior> {

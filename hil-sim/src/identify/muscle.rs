@@ -23,9 +23,9 @@ use crate::identify::repeats::force_repeatability_n;
 use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{KEYS, Key, Rig, Tolerance};
-use begin::{UNKNOWNS, begun_best, without};
+use begin::{Begin, UNKNOWNS, begun, without};
 use force::{Force, ForceRange, Forces};
-use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Parameter};
+use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Near, Parameter};
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::{Residuals, loss};
 use model_discrepancy::rows::Timeline;
@@ -642,7 +642,7 @@ impl Model for MuscleModel {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
-        self.residuals_with(true, (record, block), nominal, effects)
+        self.residuals_with((true, None), (record, block), nominal, effects)
     }
 
     /// With sensors whose zeros are right.
@@ -653,25 +653,72 @@ impl Model for MuscleModel {
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
-        self.residuals_with(false, (record, block), nominal, effects)
+        self.residuals_with((false, None), (record, block), nominal, effects)
+    }
+
+    /// With the memory of a hysteresis where it was found to begin.
+    fn near<'a>(
+        &'a self,
+        (record, block): (usize, usize),
+        as_expected: bool,
+        (nominal, effects): (&[f64], &[Active]),
+        found: &[f64],
+    ) -> Option<Near<'a>> {
+        let begin = self.begin((record, block), (nominal, effects), found)?;
+        Some(Box::new(move |nominal, effects| {
+            let own = (!as_expected, Some(&begin));
+            self.residuals_with(own, (record, block), nominal, effects)
+        }))
     }
 }
 
 impl MuscleModel {
+    /// Where a record began whose residuals in a block are `found` with these values; none where
+    /// nothing is remembered.
+    fn begin(
+        &self,
+        (record, block): (usize, usize),
+        (nominal, effects): (&[f64], &[Active]),
+        found: &[f64],
+    ) -> Option<Begin> {
+        let record = &self.records[record];
+        let name = self.blocks[block];
+        let (force, rows) = match name {
+            FORCE => (Force::Read, record.force_rows.len()),
+            LOAD if !self.blocks.contains(&FORCE) => (Force::True, record.places.len()),
+            _ => return None,
+        };
+        let rig = self.fitted(nominal, self.on(block, effects));
+        let ways = record.ways(&rig);
+        let forces = Forces::new(&rig, &ways, force)?;
+        let deviation = found[rows + UNKNOWNS - 1];
+        Begin::found(&forces, deviation, |forces| match name {
+            FORCE => force_residuals(record, forces),
+            _ => balances(record, &rig, forces),
+        })
+    }
+
+    /// Those of `effects` that change a block: what does not need not be followed.
+    fn on<'e>(
+        &self,
+        block: usize,
+        effects: &'e [Active],
+    ) -> impl Iterator<Item = &'e Active> + use<'_, 'e> {
+        let changes = move |own: &&Active| self.candidates[own.0].blocks.contains(&block);
+        effects.iter().filter(changes)
+    }
+
     /// Residuals of a block over a record, with the zeros of the sensors as they most likely are,
-    /// or as they should be.
+    /// or as they should be, and with a memory that begins where it fits best, or near a place.
     fn residuals_with(
         &self,
-        zeros: bool,
+        (zeros, begin): (bool, Option<&Begin>),
         (record, block): (usize, usize),
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
         let record = &self.records[record];
-        // What does not change the block need not be followed.
-        let own = effects.iter();
-        let own = own.filter(|(candidate, _)| self.candidates[*candidate].blocks.contains(&block));
-        let mut rig = self.fitted(nominal, own);
+        let mut rig = self.fitted(nominal, self.on(block, effects));
         match self.blocks[block] {
             GAS => {
                 let known = || record.zeros_of_gas(&self.rig);
@@ -687,9 +734,8 @@ impl MuscleModel {
                 let known = || record.zeros_of_force(&self.rig);
                 let zeros = zeros.then(|| record.zeros.of_force.get_or_init(known).clone());
                 let zeros = zeros.unwrap_or_default();
-                begun_best(&forces, &fading, zeros, |forces| {
-                    force_residuals(record, forces)
-                })
+                let residuals = |forces: &[ForceRange]| force_residuals(record, forces);
+                begun(&forces, &fading, zeros, begin, residuals)
             }
             _ => {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
@@ -702,7 +748,8 @@ impl MuscleModel {
                 } else {
                     let ways = record.ways(&rig);
                     let forces = Forces::new(&rig, &ways, Force::True)?;
-                    begun_best(&forces, &record.fading_balances(&forces)?, zeros, balances)?
+                    let fading = record.fading_balances(&forces)?;
+                    begun(&forces, &fading, zeros, begin, balances)?
                 };
                 rig.nominal.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

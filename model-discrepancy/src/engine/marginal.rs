@@ -2,11 +2,11 @@
 //! parameters and laws of effects integrated out about their fit.
 
 use super::{
-    Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Parameter, Problem,
+    About, Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Parameter, Problem,
     START_FACTOR,
 };
 use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
-use crate::least_squares::{Problem as _, at};
+use crate::least_squares::at;
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -503,10 +503,12 @@ impl<M: Model> Engine<'_, M> {
         let x = self.coordinates(&hypothesis, &free, candidates);
         let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
         let found = at(&mut problem, DVector::from_vec(x))?;
-        let slopes = problem.slopes(&found.x, &found.residuals)?.values;
+        let values = (&hypothesis.fit.nominal[..], &hypothesis.fit.effects[..]);
+        let about = About::new(self.model, &problem, &found.residuals, values)?;
+        let slopes = problem.slopes_about(&found.x, &about)?.values;
         let laws: Vec<Law> = candidates
             .iter()
-            .map(|own| self.law(blocks, &hypothesis, *own, &found))
+            .map(|own| self.law(blocks, &hypothesis, *own, &about))
             .collect::<Option<_>>()?;
         let priors = self.priors(free.len(), &found.x, candidates, &laws);
         let mut along = Vec::new();
@@ -636,7 +638,7 @@ impl<M: Model> Engine<'_, M> {
         blocks: &[usize],
         hypothesis: &Hypothesis,
         number: usize,
-        found: &Found,
+        about: &About,
     ) -> Option<Law> {
         let candidate = &self.model.candidates()[number];
         let problem = Problem::new(self.model, blocks, &[], &[]).over_all();
@@ -647,7 +649,7 @@ impl<M: Model> Engine<'_, M> {
             let with = [&others[..], own].concat();
             let with = (&hypothesis.fit.nominal[..], &with[..]);
             let moves = |block| candidate.blocks.contains(&block);
-            problem.change(&found.residuals, &moves, with)
+            problem.change(about, &moves, with)
         };
         let whole = with(&[])?.values;
         let (mut shapes, mut along) = (Vec::new(), Vec::new());

@@ -1,6 +1,6 @@
 //! What effects promise beside those that are there, before they are fitted.
 
-use super::{Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, starts, tally};
+use super::{About, Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, starts, tally};
 use crate::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -16,8 +16,9 @@ const SMALL: f64 = 1e-2;
 pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
 
 /// Some blocks of a hypothesis, linearized.
-struct Base {
+struct Base<'a> {
     residuals: Residuals,
+    about: About<'a>,
     slopes: Slopes,
     priors: Vec<Prior>,
     /// Their cost where the hypothesis has moved as it would alone: that is nobody's promise.
@@ -58,7 +59,7 @@ impl<M: Model> Engine<'_, M> {
             let with = (&base.fit.nominal[..], &with[..]);
             let moves = |block| all[c].blocks.contains(&block);
             let problem = self.problem(&places[c].0, &[], &[]);
-            let change = problem.change(&own.residuals, &moves, with)?;
+            let change = problem.change(&own.about, &moves, with)?;
             let with = own.slopes.beside(&change);
             Some(own.least - linearized_least(&own.residuals, &with, &own.priors))
         };
@@ -138,18 +139,24 @@ impl<M: Model> Engine<'_, M> {
         )
     }
 
-    fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base> {
+    fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base<'_>> {
         let free = self.free(blocks);
         let x = self.coordinates(base, &free, candidates);
         let mut problem = self.problem(blocks, &free, candidates);
         let found = at(&mut problem, DVector::from_vec(x))?;
-        let slopes = problem.slopes(&found.x, &found.residuals)?;
+        let values = (
+            &problem.nominal(&found.x)[..],
+            &problem.effects(&found.x)[..],
+        );
+        let about = About::new(self.model, &problem, &found.residuals, values)?;
+        let slopes = problem.slopes_about(&found.x, &about)?;
         let mut priors = problem.priors(&found.x);
         let least = linearized_least(&found.residuals, &slopes, &priors);
         // The candidate's share has none.
         priors.push((0.0, 0.0));
         Some(Base {
             residuals: found.residuals,
+            about,
             slopes,
             priors,
             least,

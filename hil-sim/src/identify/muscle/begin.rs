@@ -27,18 +27,63 @@ const BEGINS: usize = 8;
 const KNOWN: f64 = 0.5;
 /// Shares so near to each other are the same.
 const NARROW: f64 = 1e-3;
+/// Step of the difference quotient by a share.
+const SHARE_STEP: f64 = 0.01;
 /// Unknowns of a record at most: the zeros of three sensors, states of a creep and a run-in, and
 /// the memory of a hysteresis.
 pub(super) const UNKNOWNS: usize = 9;
 
-/// Residuals, by the forces that the muscle may have, for the begin and the zeros that fit best:
-/// with what a motion before may have left in effects with a memory and in those that fade, as
-/// `fading` says for each of their states. `zeros` says the same of each sensor's zero, off by its
-/// standard deviation.
-pub(super) fn begun_best(
+/// Where the memory of a record begins.
+pub(super) struct Begin {
+    /// From −1 to 1.
+    share: f64,
+    /// How residuals change there by [`SPREAD`] of it; none at an end, from which it does not move.
+    along: Option<Vec<f64>>,
+}
+
+impl Begin {
+    fn at(share: f64) -> Begin {
+        Begin { share, along: None }
+    }
+
+    /// Where a record began of which the memory is so many standard deviations off, with the slope
+    /// of `residuals` there. None of a muscle that remembers nothing.
+    pub(super) fn found(
+        forces: &Forces,
+        deviation: f64,
+        residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
+    ) -> Option<Begin> {
+        if !forces.remembers() {
+            return None;
+        }
+        let share = SPREAD * deviation;
+        if share.abs() > 1.0 - NARROW {
+            return Some(Begin::at(share.clamp(-1.0, 1.0)));
+        }
+        let step = -SHARE_STEP.copysign(share);
+        let [own, moved] = [share, share + step].map(|share| residuals(&forces.begun_n(share)?));
+        let (own, moved) = (own?.values, moved?.values);
+        let slopes = own
+            .iter()
+            .zip(&moved)
+            .map(|(own, moved)| (moved - own) / step);
+        Some(Begin {
+            share,
+            along: Some(slopes.map(|slope| SPREAD * slope).collect()),
+        })
+    }
+}
+
+/// Residuals, by the forces that the muscle may have, for the zeros that fit best, and for the
+/// memory that does, or that of a `begin` nearby, from which it moves in proportion only: with what
+/// a motion before may have left in effects with a memory and in those that fade, as `fading` says
+/// for each of their states. `zeros` says the same of each sensor's zero, off by its standard
+/// deviation.
+pub(super) fn begun(
     forces: &Forces,
     fading: &[Vec<f64>],
     mut zeros: Vec<Vec<f64>>,
+    begin: Option<&Begin>,
     residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
 ) -> Option<Residuals> {
     let likely = |n: &Vec<f64>| n.iter().map(|n| SPREAD * n).collect::<Vec<f64>>();
@@ -47,15 +92,30 @@ pub(super) fn begun_best(
     if !forces.remembers() {
         return Some(without(residuals(&forces.settled_n()?)?, &unknown, None));
     }
+    match begin {
+        Some(begin) => {
+            let begun = residuals(&forces.begun_n(begin.share)?)?;
+            Some(without(begun, &unknown, Some(begin)))
+        }
+        None => begun_best(forces, &unknown, residuals),
+    }
+}
+
+/// The same with the memory that fits best.
+fn begun_best(
+    forces: &Forces,
+    unknown: &[Vec<f64>],
+    residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
+) -> Option<Residuals> {
     let ends = forces.ends()?;
     let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)?));
     let mut around = [(-1.0, out?), (1.0, drawn_in?)];
-    let mut expected = between(&around, &unknown);
+    let mut expected = between(&around, unknown);
     let mut best: Option<(f64, Residuals)> = None;
     for _ in 0..BEGINS {
         let (share, cost) = expected;
         let begun = residuals(&forces.between_n(&ends, share)?)?;
-        let left = without(begun.clone(), &unknown, Some(share / SPREAD));
+        let left = without(begun.clone(), unknown, Some(&Begin::at(share)));
         let found = left.outside().map(loss).sum::<f64>();
         let is_known = (found - cost).abs() < KNOWN;
         if best.as_ref().is_none_or(|(least, _)| found < *least) {
@@ -70,7 +130,7 @@ pub(super) fn begun_best(
         let wide = sides
             .into_iter()
             .filter(|[low, high]| high.0 - low.0 > NARROW);
-        let sought = wide.map(|side| (between(&side, &unknown), side));
+        let sought = wide.map(|side| (between(&side, unknown), side));
         let Some(next) = sought.min_by(|a, b| a.0.1.total_cmp(&b.0.1)) else {
             break;
         };
@@ -112,13 +172,6 @@ fn between([low, high]: &[(f64, Residuals); 2], unknown: &[Vec<f64>]) -> (f64, f
     (centre + SPREAD * found[last], linearized.cost(&found))
 }
 
-/// What the `unknown` of a record, which change `residuals` with these slopes, most likely are, in
-/// their standard deviations.
-fn likeliest(residuals: &Residuals, slopes: &Slopes) -> DVector<f64> {
-    let priors = vec![(0.0, 1.0); slopes.values.ncols()];
-    linearized(residuals, slopes, &priors).exact_minimum(DEVIATIONS_MOST)
-}
-
 fn linearized<'a>(
     residuals: &'a Residuals,
     slopes: &'a Slopes,
@@ -143,24 +196,29 @@ fn slopes(unknown: &[Vec<f64>]) -> Slopes {
 
 /// `residuals` without what the unknowns of a record explain of them, each of which acts as
 /// `unknown` says, off by its standard deviation. What these then are follows, with the `memory` it
-/// began with, in standard deviations, as [`UNKNOWNS`] more: who needs an unlikely record is no
-/// better for it.
+/// began with, as [`UNKNOWNS`] more: who needs an unlikely record is no better for it.
 pub(super) fn without(
     mut residuals: Residuals,
     unknown: &[Vec<f64>],
-    memory: Option<f64>,
+    memory: Option<&Begin>,
 ) -> Residuals {
     let mut deviations = vec![0.0; UNKNOWNS];
-    deviations[UNKNOWNS - 1] = memory.unwrap_or(0.0);
-    if !unknown.is_empty() {
-        let slopes = slopes(unknown);
-        let found = likeliest(&residuals, &slopes);
+    let begun = memory.map_or(0.0, |begin| begin.share / SPREAD);
+    deviations[UNKNOWNS - 1] = begun;
+    let along = memory.and_then(|begin| begin.along.clone());
+    let mut priors = vec![(0.0, 1.0); unknown.len()];
+    priors.extend(along.iter().map(|_| (begun, 1.0)));
+    let columns: Vec<Vec<f64>> = unknown.iter().cloned().chain(along).collect();
+    if !columns.is_empty() {
+        let slopes = slopes(&columns);
+        let found = linearized(&residuals, &slopes, &priors).exact_minimum(DEVIATIONS_MOST);
         let change = slopes.values * &found;
         for (value, change) in residuals.values.iter_mut().zip(&change) {
             *value += change;
         }
-        for (deviation, found) in deviations.iter_mut().zip(&found) {
-            *deviation += found;
+        for (place, found) in found.iter().enumerate() {
+            let of_memory = place == unknown.len();
+            deviations[if of_memory { UNKNOWNS - 1 } else { place }] += found;
         }
     }
     residuals.extend(Residuals::exact(deviations));

@@ -98,7 +98,7 @@ impl<'a> Forces<'a> {
 
     /// Settled at the begin.
     pub(super) fn settled_n(&self) -> Option<Vec<ForceRange>> {
-        spanned(self.0.iter().map(Driven::settled_n))
+        spanned(self.0.iter().map(|driven| driven.begun_n(None)))
     }
 
     /// With the memory at either end at the begin.
@@ -111,6 +111,11 @@ impl<'a> Forces<'a> {
     pub(super) fn between_n(&self, ends: &ForceEnds, share: f64) -> Option<Vec<ForceRange>> {
         let pairs = self.0.iter().zip(&ends.0);
         spanned(pairs.map(|(driven, ends)| driven.between_n(ends, share)))
+    }
+
+    /// With the memory at this share at the begin.
+    pub(super) fn begun_n(&self, share: f64) -> Option<Vec<ForceRange>> {
+        spanned(self.0.iter().map(|driven| driven.begun_n(Some(share))))
     }
 
     /// Whether the muscle has a memory of the motion.
@@ -159,12 +164,13 @@ impl<'a> Driven<'a> {
         })
     }
 
-    fn settled_n(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+    /// Settled at the begin, or with the memory at a share.
+    fn begun_n(&self, share: Option<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
         let Ran {
             forces_n: [forces_n],
             per_pressure_m2,
             ..
-        } = self.forces_n([None], self.inputs.time_s.len())?;
+        } = self.forces_n([share], self.inputs.time_s.len())?;
         Some((forces_n, per_pressure_m2))
     }
 
@@ -354,7 +360,7 @@ mod tests {
         let slope_m2 = |effect: &str| {
             let rig = Rig::parse("rig.toml", &format!("{}{effect}", Rig::REFERENCE_TOML));
             let driven = Driven::new(&rig.expect("a rig"), &record, Force::True).expect("driven");
-            driven.settled_n().expect("forces").1[1]
+            driven.begun_n(None).expect("forces").1[1]
         };
         let nominal_m2 = Rig::reference().nominal.muscle.force_per_pressure_m2(0.1);
         // The law is linear in pressure.

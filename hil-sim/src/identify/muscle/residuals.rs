@@ -450,11 +450,12 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> O
 
 #[cfg(test)]
 mod tests {
-    use super::super::begin::{UNKNOWNS, begun_best};
+    use super::super::begin::{Begin, UNKNOWNS, begun};
     use super::super::force::Force;
     use super::*;
     use crate::identify::simulate::simulate;
     use crate::record::PRESSURE_REF_PA;
+    use nalgebra::DVector;
     use rand_distr::{Distribution, Normal};
     use rand_pcg::Pcg64;
     use rand_pcg::rand_core::SeedableRng;
@@ -596,7 +597,7 @@ mod tests {
         let begun_n = {
             let records = [Cow::Borrowed(&record)];
             let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
-            forces.between_n(&forces.ends().expect("ends"), share)
+            forces.begun_n(share)
         };
         let force_n = begun_n.expect("forces").iter().map(|n| n.least_n).collect();
         record.set(FORCE_N, force_n);
@@ -609,7 +610,7 @@ mod tests {
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
         let fading = prepared.fading_forces(&forces).expect("fading");
-        let best = begun_best(&forces, &fading, Vec::new(), residuals)
+        let best = begun(&forces, &fading, Vec::new(), None, residuals)
             .expect("residuals")
             .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
@@ -620,6 +621,20 @@ mod tests {
         assert!(0.5 * squares < 1.0, "{squares}");
         // In standard deviations of 0.5.
         assert!((told[UNKNOWNS - 1] - 2.0 * share).abs() < 0.02, "{told:?}");
+        // Near that place residuals are smooth: a slope by a step that is half as long is the same.
+        let begin = Begin::found(&forces, told[UNKNOWNS - 1], residuals);
+        let begin = begin.expect("a memory");
+        let near = |larger: f64| {
+            let mut rig = rig.clone();
+            rig.effects[0].values[0] *= larger;
+            let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
+            let near = begun(&forces, &fading, Vec::new(), Some(&begin), residuals);
+            DVector::from_vec(near.expect("residuals").values)
+        };
+        let own = near(1.0);
+        let slopes = [1e-3, 5e-4].map(|step| (near(1.0 + step) - &own) / step);
+        let apart = (&slopes[0] - &slopes[1]).norm() / slopes[0].norm();
+        assert!(slopes[0].norm() > 1.0 && apart < 1e-3, "{apart}");
     }
 
     /// About the rig whose residuals have a mean square of 1, the sum of squares changes with the
