@@ -94,6 +94,13 @@ pub struct Candidate {
 }
 
 impl Candidate {
+    /// Whether a size of it may be on either side of where it does nothing.
+    fn has_two_signs(&self) -> bool {
+        let sizes = self.parameters.iter();
+        let mut sizes = sizes.filter_map(|own| Some((own.range, own.neutral?)));
+        sizes.any(|((least, most), none)| least < none && none < most)
+    }
+
     /// The parameters of which `values` are where the effect ends, with these.
     pub fn ended<'a>(&'a self, values: &'a [f64]) -> impl Iterator<Item = (&'a Parameter, f64)> {
         let values = self.parameters.iter().zip(values.iter().copied());

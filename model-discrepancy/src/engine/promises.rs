@@ -17,6 +17,7 @@ pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
 
 /// Some blocks of a hypothesis, linearized.
 struct Base<'a> {
+    nominal: Vec<f64>,
     residuals: Residuals,
     about: About<'a>,
     slopes: Slopes,
@@ -48,20 +49,37 @@ impl<M: Model> Engine<'_, M> {
         let mut bases = BTreeMap::new();
         for (place, known) in places.iter().zip(&known) {
             if known.is_none() && !bases.contains_key(place) {
-                bases.insert(place, self.base(base, place)?);
+                bases.insert(place, self.bases(base, place)?);
             }
         }
-        let promise = |c: usize, start: &[f64]| {
-            let own = &bases[&places[c]];
+        let beside = |own: &Base, c: usize, start: &[f64]| {
             let values = all[c].parameters.iter().zip(start);
             let mut with = base.fit.effects.clone();
             with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
-            let with = (&base.fit.nominal[..], &with[..]);
+            let with = (&own.nominal[..], &with[..]);
             let moves = |block| all[c].blocks.contains(&block);
             let problem = self.problem(&places[c].0, &[], &[]);
             let change = problem.change(&own.about, &moves, with)?;
             let with = own.slopes.beside(&change);
-            Some(own.least - linearized_least(&own.residuals, &with, &own.priors))
+            let (least, step) = linearized_least(&own.residuals, &with, &own.priors);
+            Some((own.least - least, step[step.len() - 1]))
+        };
+        let promise = |c: usize, start: &[f64]| {
+            let of_bases = bases[&places[c]].iter();
+            let mut promised = of_bases.filter_map(|own| beside(own, c, start));
+            if !places[c].1.is_empty() || all[c].has_two_signs() {
+                return promised.next().map(|(promise, _)| promise);
+            }
+            // The problem is convex: what gains by less of it than none gains nothing by any.
+            let gains = promised.map(|(promise, share)| if share < 0.0 { 0.0 } else { promise });
+            let mut known = None;
+            for gain in gains {
+                known = Some(gain);
+                if gain > 0.0 {
+                    break;
+                }
+            }
+            known
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |c: usize, start: &[f64]| {
@@ -139,6 +157,19 @@ impl<M: Model> Engine<'_, M> {
         )
     }
 
+    /// Blocks about `base`, and, where that has no effect on them, also about nominal values as
+    /// given: where a fit has moved those for what is missing, it may look as if there was less
+    /// than nothing of that.
+    fn bases(&self, base: &Hypothesis, place: &Place) -> Option<Vec<Base<'_>>> {
+        let mut bases = vec![self.base(base, place)?];
+        if place.1.is_empty() {
+            let mut given = base.clone();
+            given.fit.nominal.fill(0.0);
+            bases.extend(self.base(&given, place));
+        }
+        Some(bases)
+    }
+
     fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base<'_>> {
         let free = self.free(blocks);
         let x = self.coordinates(base, &free, candidates);
@@ -151,10 +182,11 @@ impl<M: Model> Engine<'_, M> {
         let about = About::new(self.model, &problem, &found.residuals, values)?;
         let slopes = problem.slopes_about(&found.x, &about)?;
         let mut priors = problem.priors(&found.x);
-        let least = linearized_least(&found.residuals, &slopes, &priors);
+        let (least, _) = linearized_least(&found.residuals, &slopes, &priors);
         // The candidate's share has none.
         priors.push((0.0, 0.0));
         Some(Base {
+            nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about,
             slopes,
@@ -164,9 +196,13 @@ impl<M: Model> Engine<'_, M> {
     }
 }
 
-/// The least cost of residuals that change in proportion to coordinates. What dead zones hide of
+/// The least cost of residuals that change in proportion to coordinates, and where it is. What dead zones hide of
 /// the noise is added to it: a wider one promises nothing by that alone.
-fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) -> f64 {
+fn linearized_least(
+    residuals: &Residuals,
+    slopes: &Slopes,
+    priors: &[Prior],
+) -> (f64, DVector<f64>) {
     let linearized = Linearized {
         residuals,
         slopes,
@@ -175,7 +211,8 @@ fn linearized_least(residuals: &Residuals, slopes: &Slopes, priors: &[Prior]) ->
     };
     let step = linearized.minimum();
     let rows = tally(&linearized.moved(&step), 0);
-    linearized.cost(&step) + rows.cost - rows.outside
+    let least = linearized.cost(&step) + rows.cost - rows.outside;
+    (least, step)
 }
 
 /// `start` with the sizes that it begins with.
