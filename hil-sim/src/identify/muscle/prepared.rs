@@ -3,7 +3,7 @@
 use super::kernel::{KERNEL_REACH, Kernel, norm};
 use super::play::{bridged, contacts, dips, reaches};
 use super::smoothed::smoothed;
-use super::thinned::{CHANGE_NOISES, gas_told, thinned};
+use super::thinned::{CHANGE_NOISES, gas_told, period_s, thinned};
 use crate::error::BadInput;
 use crate::record::check::{Check, Finding, Signal, check};
 use crate::record::{
@@ -98,6 +98,8 @@ struct Common<'a> {
     repeatability_n: f64,
     /// All records have the muscle's force as a sensor reads it.
     force_read: bool,
+    /// Time between rows that are compared \[s\].
+    period_s: f64,
 }
 
 /// One place where the balance of forces is looked at.
@@ -293,8 +295,11 @@ impl Prepared {
             checked.refuse(record)?;
             checks.push(checked);
         }
+        let time_s = records.clone().map(Record::time_s);
+        let together_s = time_s.map(|time_s| time_s[time_s.len() - 1] - time_s[0]);
         let common = Common {
             rig,
+            period_s: period_s(together_s.sum()),
             noise: Noise::found(&checks),
             repeatability_n: repeatability_n.unwrap_or(0.0),
             force_read,
@@ -314,7 +319,8 @@ impl Prepared {
     fn new(common: &Common, record: &Record, checked: &Check) -> Result<Prepared, BadInput> {
         let Common { rig, noise, .. } = *common;
         let warnings = checked.warnings.iter().map(ToString::to_string);
-        let record = &thinned(record, &noise, rig.nominal.load == Load::Prescribed);
+        let bench = rig.nominal.load == Load::Prescribed;
+        let record = &thinned(record, &noise, common.period_s, bench);
         let contraction = record.require(CONTRACTION)?;
         let mut measured = with_columns(record, &[PRESSURE_PA, CONTRACTION, FORCE_N]);
         let cut = without_vacuum(rig, &mut measured);

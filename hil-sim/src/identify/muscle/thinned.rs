@@ -19,6 +19,10 @@ const SIGNALS: [&str; 6] = [
 /// The least time between rows that are compared \[s\]: the fastest effects take a few of them, and
 /// rows between them would cost time and tell little.
 const PERIOD_S: f64 = 0.008 - ROUNDING_S;
+/// Rows of all records together from which on there are fewer of them, if they would not be further
+/// apart than a time \[s\] between which straight lines cut off little of a motion.
+const ROWS: f64 = 20_000.0;
+const PERIOD_MOST_S: f64 = 0.024;
 /// How far times that are written in decimals may be off \[s\].
 const ROUNDING_S: f64 = 1e-6;
 /// The same where nothing changes by so many times its noise \[s\].
@@ -28,6 +32,12 @@ pub(super) const CHANGE_NOISES: f64 = 6.0;
 /// What changes by so many times its noise from one row to another is no straight line between
 /// them, for the gas.
 const BENT_NOISES: f64 = 3.0;
+
+/// The time between rows that are compared, of records that together take so long \[s\]: long ones
+/// have more rows than are needed to know what is missing.
+pub(super) fn period_s(together_s: f64) -> f64 {
+    (together_s / ROWS).clamp(PERIOD_S, PERIOD_MOST_S)
+}
 
 /// Whether what is held from each row on is another from `row` on.
 fn switches(record: &Record, row: usize) -> bool {
@@ -96,12 +106,13 @@ fn held(values: &[f64]) -> Vec<f64> {
     values.iter().map(value).collect()
 }
 
-/// `record` with no more rows than the fastest effects ask for. On a `bench`, where the pressure is
+/// `record` with no more rows than the fastest effects ask for, and as many as are `period_s` apart
+/// at most. On a `bench`, where the pressure is
 /// an input, rows in which nothing has changed are rarer; with a reference there is one where that
 /// steps or the valve's cock changes. A reference that moves on all the time is held at its mean
 /// over a row: a pressure that follows it within 30 ms, at 600 kPa/s, is off by 160 Pa at most. Any
 /// other cell without a sample has the next one before the next such row.
-pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
+pub(super) fn thinned(record: &Record, noise: &Noise, period_s: f64, bench: bool) -> Record {
     let time_s = record.time_s();
     let reference_pa = record.column(PRESSURE_REF_PA).map(held);
     let step_pa = CHANGE_NOISES * noise.pressure_pa;
@@ -121,12 +132,16 @@ pub(super) fn thinned(record: &Record, noise: &Noise, bench: bool) -> Record {
             values.is_some_and(|values| (values[to] - values[from]).abs() > *change)
         })
     };
+    let is_far = |row: usize, last: usize| {
+        let next_s = time_s.get(row + 1).copied().unwrap_or(f64::INFINITY);
+        time_s[row] >= time_s[last] + PERIOD_S && next_s > time_s[last] + period_s + ROUNDING_S
+    };
     let mut begins = vec![0];
     let mut last = 0;
     for row in 1..time_s.len() {
         let due = match &reference_pa {
-            Some(_) => time_s[row] >= time_s[last] + PERIOD_S || steps(row),
-            None if time_s[row] < time_s[last] + PERIOD_S => false,
+            Some(_) => is_far(row, last) || steps(row),
+            None if !is_far(row, last) => false,
             // A weight's balance at rest bounds its static friction.
             None if !bench => true,
             None => {
@@ -186,7 +201,7 @@ mod tests {
             pressure_pa: 250.0,
             ..Noise::default()
         };
-        let thin = thinned(&record, &noise, false);
+        let thin = thinned(&record, &noise, PERIOD_S, false);
         assert!(thin.time_s().len() < 20, "{:?}", thin.time_s());
         for row in [21, 51] {
             assert!(thin.time_s().contains(&(1e-3 * f64::from(row))), "{row}");
@@ -207,12 +222,33 @@ mod tests {
             pressure_pa: 250.0,
             ..Noise::default()
         };
-        let thin = thinned(&record, &noise, false);
+        let thin = thinned(&record, &noise, PERIOD_S, false);
         assert_eq!(thin.time_s().len(), 1000);
         let held_pa = thin.column(PRESSURE_REF_PA).expect("a reference");
         for (row, held_pa) in held_pa.iter().enumerate() {
             let mean_pa = reference_pa[4 * row..][..4].iter().sum::<f64>() / 4.0;
             assert!((held_pa - mean_pa).abs() < 1e-6, "{row}");
+        }
+    }
+
+    /// Four records of two minutes at 250 Hz have rows of 24 ms, a minute in all has them of 8 ms,
+    /// and samples that are 20 ms apart are all kept.
+    #[test]
+    fn long_records_have_fewer_rows() {
+        let apart_s = |step_s: f64, together_s: f64| {
+            let mut record = Record::new((0..1000).map(|row| step_s * f64::from(row)).collect());
+            record.set(PRESSURE_REF_PA, vec![2e5; 1000]);
+            let thin = thinned(&record, &Noise::default(), period_s(together_s), false);
+            thin.time_s()[1]
+        };
+        for (step_s, together_s, expected_s) in [
+            (0.004, 480.0, 0.024),
+            (0.004, 60.0, 0.008),
+            (0.02, 480.0, 0.02),
+            (0.01, 280.0, 0.01),
+        ] {
+            let found_s = apart_s(step_s, together_s);
+            assert!((found_s - expected_s).abs() < 1e-9, "{step_s}: {found_s}");
         }
     }
 }
