@@ -954,10 +954,20 @@ impl<'a, M: Model> Engine<'a, M> {
     /// Where the fit with another form begins, and that form.
     fn with_form(&self, other: &OtherForm) -> Option<(Hypothesis, usize)> {
         let OtherForm { of, own, form } = *other;
-        let all = self.model.candidates();
         let mut begun = of.clone();
         let place = of.fit.effects.iter().position(|(c, _)| *c == own)?;
-        let (_, values) = &of.fit.effects[place];
+        begun.fit.coordinates[place] = self.in_form((own, &of.fit.effects[place].1), form);
+        begun.fit.effects[place].0 = form;
+        begun.candidates.retain(|candidate| *candidate != own);
+        begun.candidates.push(form);
+        begun.candidates.sort_unstable();
+        Some((begun, form))
+    }
+
+    /// The coordinates of another `form` of the effect of a candidate with these values, as what
+    /// has the same name in both is about the same.
+    fn in_form(&self, (own, values): (usize, &[f64]), form: usize) -> Vec<f64> {
+        let all = self.model.candidates();
         let known = |parameter: &Parameter| {
             let mut names = all[own].parameters.iter().zip(values);
             names.find(|(same, _)| same.name == parameter.name)
@@ -974,12 +984,7 @@ impl<'a, M: Model> Engine<'a, M> {
             let (least, most) = parameter.reach();
             x.clamp(least, most)
         };
-        begun.fit.coordinates[place] = all[form].parameters.iter().map(coordinate).collect();
-        begun.fit.effects[place].0 = form;
-        begun.candidates.retain(|candidate| *candidate != own);
-        begun.candidates.push(form);
-        begun.candidates.sort_unstable();
-        Some((begun, form))
+        all[form].parameters.iter().map(coordinate).collect()
     }
 
     /// Fits of the groups of `begun` that `candidate`, in it or not, touches.

@@ -659,15 +659,19 @@ impl<M: Model> Engine<'_, M> {
                 along.push(own);
             }
             let values = effects.iter().filter(|own| own.0 == number);
-            shapes.extend(
-                values
-                    .flat_map(|(_, values)| scaled(candidate, values))
-                    .map(|values| match with(&[(number, values)]) {
-                        Some(change) => change.values,
-                        // Where it has no solution, no rig has it.
-                        None => DMatrix::zeros(whole.nrows(), 1),
-                    }),
-            );
+            for (_, values) in values {
+                let scaled = scaled(candidate, values).into_iter();
+                let others = scaled.map(|values| (number, values));
+                shapes.extend(
+                    others
+                        .chain(self.other_forms((number, values)))
+                        .map(|other| match with(&[other]) {
+                            Some(change) => change.values,
+                            // Where it has no solution, no rig has it.
+                            None => DMatrix::zeros(whole.nrows(), 1),
+                        }),
+                );
+            }
         }
         Some(Law {
             candidate: number,
@@ -675,6 +679,18 @@ impl<M: Model> Engine<'_, M> {
             shapes,
             along,
         })
+    }
+
+    /// The same effect in its other forms.
+    fn other_forms(&self, (number, values): (usize, &[f64])) -> Vec<Active> {
+        let all = self.model.candidates();
+        let forms = (0..all.len()).filter(|form| all[*form].effect == all[number].effect);
+        let others = forms.filter(|form| *form != number).map(|form| {
+            let coordinates = self.in_form((number, values), form);
+            let parameters = all[form].parameters.iter().zip(coordinates);
+            (form, parameters.map(|(own, x)| own.value(x)).collect())
+        });
+        others.collect()
     }
 
     /// The quantities beside the residuals of `blocks` over `records`, from −1 to 1; without
