@@ -240,14 +240,38 @@ mod tests {
     struct Shifted {
         nominal_blocks: Vec<Vec<usize>>,
         candidates: Vec<Candidate>,
+        /// The effect in the records.
+        there: f64,
     }
 
     impl Shifted {
-        /// With an effect of 1 in the records.
-        fn missed(nominal: f64, effects: &[Active]) -> Vec<f64> {
+        fn of(there: f64, least: f64) -> Shifted {
+            let parameter = Parameter {
+                name: "size",
+                unit: "",
+                range: (least, 10.0),
+                usual: 1.0,
+                log: false,
+                neutral: Some(0.0),
+                ends: [false; 2],
+            };
+            Shifted {
+                nominal_blocks: vec![vec![0]],
+                candidates: vec![Candidate {
+                    effect: "waves",
+                    form: "waves",
+                    parameters: vec![parameter],
+                    blocks: vec![0],
+                    form_doubt: 0.0,
+                }],
+                there,
+            }
+        }
+
+        fn missed(&self, nominal: f64, effects: &[Active]) -> Vec<f64> {
             let effect: f64 = effects.iter().map(|(_, values)| values[0]).sum();
             let shape = |row: usize| 1.0 + 0.5 * (0.7 * row as f64).sin();
-            let of = |row| NOMINAL * nominal + EFFECT * (effect - 1.0) * shape(row);
+            let of = |row| NOMINAL * nominal + EFFECT * (effect - self.there) * shape(row);
             (0..ROWS).map(of).collect()
         }
     }
@@ -275,7 +299,7 @@ mod tests {
             nominal: &[f64],
             effects: &[Active],
         ) -> Option<Residuals> {
-            let mut rows = Shifted::missed(nominal[0], effects);
+            let mut rows = self.missed(nominal[0], effects);
             let mean = rows.iter().sum::<f64>() / (ROWS as f64 + 1.0);
             let zero = mean.clamp(-ZERO_MOST, ZERO_MOST);
             for row in &mut rows {
@@ -291,7 +315,7 @@ mod tests {
             nominal: &[f64],
             effects: &[Active],
         ) -> Option<Residuals> {
-            let mut rows = Shifted::missed(nominal[0], effects);
+            let mut rows = self.missed(nominal[0], effects);
             rows.push(0.0);
             Some(Residuals::exact(rows))
         }
@@ -313,25 +337,7 @@ mod tests {
     /// does, so that this seems to do nothing: with both in proportion an effect promises little.
     #[test]
     fn a_bounded_zero_does_not_hide_what_an_effect_promises() {
-        let parameter = Parameter {
-            name: "size",
-            unit: "",
-            range: (-10.0, 10.0),
-            usual: 1.0,
-            log: false,
-            neutral: Some(0.0),
-            ends: [false; 2],
-        };
-        let model = Shifted {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![Candidate {
-                effect: "waves",
-                form: "waves",
-                parameters: vec![parameter],
-                blocks: vec![0],
-                form_doubt: 0.0,
-            }],
-        };
+        let model = Shifted::of(1.0, -10.0);
         let engine = Engine::new(&model);
         let null = engine.hypothesis(&[]).expect("a fit");
         let promised = engine.promises(&null).expect("promises")[0];
@@ -341,5 +347,19 @@ mod tests {
             (promised / gained - 1.0).abs() < 0.05,
             "{promised} of {gained}"
         );
+    }
+
+    /// Where the records have less than none of an effect whose size has one sign.
+    #[test]
+    fn an_effect_promises_nothing_by_the_wrong_sign() {
+        let promised = |there: f64, least: f64| {
+            let model = Shifted::of(there, least);
+            let engine = Engine::new(&model);
+            let null = engine.hypothesis(&[]).expect("a fit");
+            engine.promises(&null).expect("promises")[0]
+        };
+        assert!(promised(1.0, 0.0) > 5000.0);
+        assert!(promised(-1.0, -10.0) > 5000.0);
+        assert_eq!(promised(-1.0, 0.0), 0.0);
     }
 }
