@@ -124,10 +124,10 @@ pub(super) fn without_further_play<'a>(rig: &Rig, record: &'a Record) -> Cow<'a,
 }
 
 impl Prepared {
-    /// The measured record, or what it may be at the ends where the instruments of `rig` leave that
+    /// The smooth record, or what it may be at the ends where the instruments of `rig` leave that
     /// open: an encoder its play, a sensor that rings all between its reading and what it lags.
     pub(super) fn ways(&self, rig: &Rig) -> Vec<Cow<'_, Record>> {
-        let of = |may| self.unplayed(rig, &self.measured, may);
+        let of = |may| self.unplayed(rig, &self.smooth, may);
         let mut ways = if play(rig) == 0.0 {
             vec![of(None)]
         } else {

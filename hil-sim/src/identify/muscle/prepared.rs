@@ -2,7 +2,7 @@
 
 use super::kernel::{KERNEL_REACH, Kernel, norm};
 use super::play::{bridged, contacts, dips, reaches};
-use super::smoothed::smoothed;
+use super::smoothed::{smoothed, without_short_ways};
 use super::thinned::{CHANGE_NOISES, gas_told, period_s, thinned};
 use crate::error::BadInput;
 use crate::record::check::{Check, Finding, Signal, check};
@@ -34,6 +34,9 @@ const SPACING: f64 = 2.5;
 const SKIP_S: f64 = 0.6;
 /// A speed is one when it is so many of its standard errors.
 const SPEED_ERRORS: f64 = 5.0;
+/// A way back of less than so many times the noise is none: from a single value that is off by
+/// three, as one in 370 is, to smooth ones that are off by one to the other side.
+const SHORT_NOISES: f64 = 4.0;
 /// So near to a change of direction the weight may still be stuck, or be so already \[s\].
 const TURN_S: f64 = 0.03;
 /// So near to its lowest reading the weight may rest on the stop, which holds it from below \[-\].
@@ -157,6 +160,10 @@ pub(super) struct Prepared {
     /// With the reference and a smoothed contraction, for the gas; without, for force and load.
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
+    /// As `measured`, with the contraction smoothed and without ways back that noise makes: what
+    /// drives the muscle's memory. Of those a Bouc–Wen hysteresis would forget a third of its force
+    /// in a second at rest.
+    pub(super) smooth: Record,
     /// Rows of `gas` from one of which to the next it is simulated; none without it.
     pub(super) gas_told: Vec<usize>,
     pub(super) noise: Noise,
@@ -330,6 +337,7 @@ impl Prepared {
                 .column(PRESSURE_REF_PA)
                 .is_some()
                 .then(|| with_columns(record, &OF_GAS)),
+            smooth: measured.clone(),
             measured,
             gas_told: Vec::new(),
             noise,
@@ -461,8 +469,11 @@ impl Prepared {
         self.in_contact = contacts.iter().map(|way| *way != 0.0).collect();
         self.dips = dips(record.time_s(), &contacts);
         self.sides = bridged(record.time_s(), &contacts, record.column(PRESSURE_PA));
+        let smooth = smoothed(record.time_s(), contraction, self.noise.contraction);
+        let least = SHORT_NOISES * self.noise.contraction;
+        self.smooth
+            .set(CONTRACTION, without_short_ways(&smooth, least));
         if let Some(gas) = &mut self.gas {
-            let smooth = smoothed(record.time_s(), contraction, self.noise.contraction);
             gas.set(CONTRACTION, smooth);
             self.gas_told = gas_told(gas, &self.noise);
         }

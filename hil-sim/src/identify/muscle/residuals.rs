@@ -637,6 +637,50 @@ mod tests {
         assert!(slopes[0].norm() > 1.0 && apart < 1e-3, "{apart}");
     }
 
+    /// Noise to and fro is no motion: at rest a hysteresis keeps its force, of which a measured
+    /// contraction as it is would take half in three seconds.
+    #[test]
+    fn noise_at_rest_does_not_take_a_memory() {
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let effect = "[[effect]]\nname = \"hysteresis\"\nform = \"bouc-wen\"\nforce_n = 20.0\n\
+                      reach = 0.01\nsharpness = 2.0\nbase_share = 1.0\n";
+        let rig = Rig::parse("rig.toml", &(text + effect)).expect("a rig");
+        let time_s: Vec<f64> = (0..400).map(|row| 0.01 * f64::from(row)).collect();
+        let mut random = Pcg64::seed_from_u64(3);
+        let noise = Normal::new(0.0, 1e-4).expect("a spread");
+        let read = time_s.iter().map(|t| 0.05 + 0.1 * t.min(1.0));
+        let read = read
+            .map(|place| place + noise.sample(&mut random))
+            .collect();
+        let mut record = Record::new(time_s);
+        record.set(CONTRACTION, read);
+        let wave =
+            |size: f64| (0..400).map(move |row| size * (1.0 + 0.1 * (0.1 * f64::from(row)).sin()));
+        record.set(PRESSURE_PA, wave(3e5).collect());
+        record.set(FORCE_N, wave(100.0).collect());
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let without = Rig::parse(
+            "rig.toml",
+            &Rig::REFERENCE_TOML.replace("weight\"", "prescribed\""),
+        );
+        let without = without.expect("a rig");
+        let lost_n = |records: &[Cow<Record>]| {
+            let of_effect_n = |row: usize| {
+                let [with, without] = [&rig, &without].map(|rig| {
+                    let forces = Forces::new(rig, records, Force::True).expect("driven");
+                    forces.settled_n().expect("forces")[row].least_n
+                });
+                with - without
+            };
+            (of_effect_n(105) - of_effect_n(399)).abs()
+        };
+        let lost_n = [
+            lost_n(&prepared[0].ways(&rig)),
+            lost_n(&[Cow::Borrowed(&record)]),
+        ];
+        assert!(lost_n[0] < 0.5 && lost_n[1] > 5.0, "{lost_n:?}");
+    }
+
     /// About the rig whose residuals have a mean square of 1, the sum of squares changes with the
     /// rig as the negative log density does, in which a larger noise has its price.
     #[test]

@@ -35,6 +35,47 @@ pub(super) fn smoothed(time_s: &[f64], values: &[f64], noise: f64) -> Vec<f64> {
     (0..values.len()).map(smooth).collect()
 }
 
+/// `values` without the ways back that are shorter than `least`: noise that goes to and fro is no
+/// way. From one turn to the next they only rise, or only fall; a gap stays one.
+pub(super) fn without_short_ways(values: &[f64], least: f64) -> Vec<f64> {
+    let mut out = values.to_vec();
+    // The farthest value since the last turn, its row, and which way it went there.
+    let mut far: Option<(f64, usize)> = None;
+    let mut sign = 0.0;
+    for (row, value) in values
+        .iter()
+        .enumerate()
+        .filter(|(_, value)| !value.is_nan())
+    {
+        let Some((farthest, at)) = far else {
+            far = Some((*value, row));
+            continue;
+        };
+        let way = value - farthest;
+        if way * sign >= 0.0 && sign != 0.0 {
+            far = Some((*value, row));
+        } else if way.abs() > least {
+            // It has turned, there.
+            sign = way.signum();
+            far = Some((*value, row));
+            let mut last = farthest;
+            for (own, value) in out[at..=row].iter_mut().zip(&values[at..=row]) {
+                if !value.is_nan() {
+                    last = if (value - last) * sign > 0.0 {
+                        *value
+                    } else {
+                        last
+                    };
+                    *own = last;
+                }
+            }
+            continue;
+        }
+        out[row] = far.map_or(*value, |(farthest, _)| farthest);
+    }
+    out
+}
+
 /// The parabola through `values` by least squares: its value in the row `middle`, and the sum of
 /// the squares about it.
 fn parabola(time_s: &[f64], values: &[f64], middle: usize) -> Option<(f64, f64)> {
@@ -75,6 +116,43 @@ mod tests {
         });
         let read = read.collect();
         (time_s, ramp, read)
+    }
+
+    #[test]
+    fn ways_back_are_left_out_if_they_are_short() {
+        let values = [
+            0.0,
+            0.1,
+            1.0,
+            0.9,
+            1.1,
+            f64::NAN,
+            1.0,
+            1.05,
+            0.2,
+            0.3,
+            0.1,
+            0.5,
+        ];
+        let found = without_short_ways(&values, 0.3);
+        let expected = [
+            0.0,
+            0.1,
+            1.0,
+            1.0,
+            1.1,
+            f64::NAN,
+            1.0,
+            1.0,
+            0.2,
+            0.2,
+            0.1,
+            0.5,
+        ];
+        for (row, (found, expected)) in found.iter().zip(&expected).enumerate() {
+            let is_same = found == expected || found.is_nan() && expected.is_nan();
+            assert!(is_same, "row {row}: {found}, expected {expected}");
+        }
     }
 
     #[test]
