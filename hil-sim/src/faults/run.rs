@@ -133,6 +133,11 @@ impl Schedule {
         is_missed
     }
 
+    /// Whether the device is reset now.
+    fn is_reset(&self, time_s: f64) -> bool {
+        self.reset_s.is_some_and(|reset_s| time_s >= reset_s)
+    }
+
     fn hangs(&self, time_s: f64) -> bool {
         self.reset_s.is_some() || time_s < self.ticks_again_s
     }
@@ -267,7 +272,10 @@ impl<'a> CaseRun<'a> {
         ];
         let since_s = fault.map(|(_, since_s)| since_s);
         let mut pins = self.instruments.pins(truth, since_s, normal);
-        pins.read_back = self.read_back;
+        // A reset brings it to 0 V.
+        if !self.schedule.is_reset(time_s) {
+            pins.read_back = self.read_back;
+        }
         if let Some((Inject::Stop(open), _)) = fault {
             pins.stop_open = open;
         }
@@ -313,7 +321,7 @@ impl<'a> CaseRun<'a> {
     /// is missed.
     fn tick(&mut self, unit: &mut impl Unit, time_s: f64, pins: &Pins, bytes: &[u8]) -> Option<u8> {
         let schedule = &mut self.schedule;
-        if schedule.reset_s.is_some_and(|reset_s| time_s >= reset_s) {
+        if schedule.is_reset(time_s) {
             unit.restart();
             self.device = DeviceOutput::default();
             schedule.reset_s = None;
