@@ -14,7 +14,7 @@ use model_core::link::{
     Decoder, FRAME_LEN_MAX, FromDevice, Identity, ImageCheck, ImageState, ResetCause,
     SettingsSource, Signature, ToDevice, board_name, check_image, encode,
 };
-use model_core::sampling::{SAMPLES, SCANS, Sampler};
+use model_core::sampling::{SCANS, Sampler, WORDS};
 use model_core::settings::Settings;
 use model_core::start::{StartFault, StartFindings, VALVE_LEVELS, valve_level};
 use model_core::store;
@@ -77,7 +77,7 @@ fn main() -> ! {
     let mut image = ImageCheck::default();
     let mut sampler = Sampler::new(black_box(0));
     loop {
-        let (bridge, pressure) = sampler.readings(&black_box([0; SAMPLES]));
+        let [bridge, pressure, read_back] = sampler.readings(&black_box([0; WORDS]));
         black_box(reading(bridge, &black_box([0; SCANS])));
         let timing = clock.begin(black_box(0));
         clock.end(black_box(0), black_box(0));
@@ -85,6 +85,7 @@ fn main() -> ! {
             bridge,
             pressure,
             encoder: black_box(Pins::default().encoder),
+            read_back,
             button_pressed: black_box(false),
             stop_open: black_box([false; 2]),
             enabling_closed: black_box(false),

@@ -197,11 +197,12 @@ mod app {
         let local = cx.local;
         let begin_cycles = DWT::cycle_count();
         let timing = local.clock.begin(begin_cycles);
-        let (bridge, pressure) = local.adc.read();
+        let [bridge, pressure, read_back] = local.adc.read();
         let pins = Pins {
             bridge,
             pressure,
             encoder: local.encoder.read(),
+            read_back,
             button_pressed: local.button.is_pressed(),
             stop_open: local.stop.open(),
             enabling_closed: local.enabling.is_closed(),

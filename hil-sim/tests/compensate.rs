@@ -16,7 +16,7 @@ use model_core::compensation::Compensation;
 use model_core::controller::Controller;
 use model_core::io::{Request, Sensors};
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::EncoderCount;
+use model_core::signal::{AdcCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
 use muscle_plant::nominal::Load;
 use rand::SeedableRng;
@@ -84,6 +84,7 @@ fn assist(hiding: &Hiding, plain: &Settings, settings: Settings) -> Errors {
             bridge: electronics.bridge.count(bridge_n as f32),
             pressure: electronics.pressure_sensor.count(pressure_pa as f32),
             encoder: EncoderCount(counts as i32 as u32),
+            read_back: AdcCount(controller.state().valve.get()),
             missed_ticks: 0,
             request,
         });

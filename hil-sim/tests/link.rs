@@ -18,7 +18,7 @@ use hil_sim::record::mcap::{self, Origin};
 use hil_sim::rig::Rig;
 use model_core::controller::Controller;
 use model_core::device::Command;
-use model_core::io::{Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::limits::safety_hash;
 use model_core::link::{FromDevice, Telemetry, ToDevice, Written};
 use model_core::settings::{Settings, SettingsValues};
@@ -103,9 +103,11 @@ fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Pat
     };
     let mut recorder = Recorder::create(path, &origin).unwrap();
     client.restart_in_loop().unwrap();
+    let mut before = Output::default();
     for tick in 0..ticks {
-        let sensors = wander(tick);
+        let sensors = wander(tick, &before);
         let answer = client.exchange(&sensors).unwrap();
+        before = answer.output;
         let begins = tick == 0 || answer.restarted;
         let told = answer.telemetry;
         let row = Row {
@@ -432,7 +434,8 @@ fn a_line_without_telemetry_is_given_up() {
     board.events.push_back((20, Event::Unplugged(u32::MAX / 2)));
     let mut client = client(board);
     client.restart_in_loop().unwrap();
-    let error = (0..100).find_map(|tick| client.exchange(&wander(tick)).err());
+    let rest = Output::default();
+    let error = (0..100).find_map(|tick| client.exchange(&wander(tick, &rest)).err());
     assert!(matches!(error, Some(LinkError::NoAnswer(_))), "{error:?}");
 }
 
@@ -505,13 +508,16 @@ proptest! {
         let mut client = client(board);
         client.restart_in_loop().unwrap();
         let mut here = Controller::new(reference());
+        let mut before = Output::default();
         for tick in 0..400 {
             if tick == 200 {
                 client.restart_in_loop().unwrap();
                 here = Controller::new(reference());
+                before = Output::default();
             }
-            let sensors: Sensors = wander(tick + 60);
+            let sensors: Sensors = wander(tick + 60, &before);
             let answer = client.exchange(&sensors).unwrap();
+            before = answer.output;
             if answer.restarted {
                 here = Controller::new(reference());
             }

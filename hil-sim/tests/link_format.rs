@@ -34,6 +34,7 @@ fn frames_match_the_specification() {
             bridge: AdcCount(2049),
             pressure: AdcCount(411),
             encoder: EncoderCount(u32::MAX),
+            read_back: AdcCount(3),
             missed_ticks: 0,
             request: Request::None,
         },

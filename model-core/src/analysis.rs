@@ -64,6 +64,7 @@ pub fn analyse(
         Mode::SelfCheck => check_window(values, &mut next, &statuses, sensors),
         _ => check_rest(values, &mut next),
     };
+    check_voltage(values, &mut next, sensors);
     check_consistency(values, &mut next, sensors);
     check_retreat(values, &mut next, &statuses);
     next.missed
@@ -217,6 +218,13 @@ fn check_rest(values: &SettingsValues, next: &mut State) -> Option<Fault> {
     disturbed.then_some(Fault::Uncommanded)
 }
 
+/// Compares the valve's voltage with the one that the last tick has set.
+fn check_voltage(values: &SettingsValues, next: &mut State, sensors: &Sensors) {
+    let is_right = next.valve.may_be_read_as(sensors.read_back);
+    let wrong_ticks = if is_right { 0 } else { ticks(sensors) };
+    next.voltage.add_ticks(wrong_ticks, values.suspect_ticks);
+}
+
 /// Compares the readings with each other and with the reference.
 fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensors) {
     let (pressure_pa, ticks) = (next.pressure.value(), ticks(sensors));
@@ -291,6 +299,7 @@ fn findings(
         ticks_missed: sensors.missed_ticks > values.missed_ticks_max
             || next.missed.is_full(missed_limit(values)),
         uncommanded: next.uncommanded.is_full(values.suspect_ticks),
+        voltage_astray: next.voltage.is_full(values.suspect_ticks),
         pressure_astray: next.follower.has_failed(values),
         too_fast: next.balance.is_too_fast(),
         force_astray: next.balance.has_failed(values),

@@ -74,8 +74,9 @@ pub fn act(values: &SettingsValues, state: &mut State, target: &Target) -> Outpu
         state.port_open = false;
     }
     let pressure_ref = GaugePa(state.pressure_ref_pa);
+    state.valve = values.valve_drive.count(pressure_ref);
     Output {
-        valve: values.valve_drive.count(pressure_ref),
+        valve: state.valve,
         mode: state.mode,
         fault: state.fault,
         pressure_ref,

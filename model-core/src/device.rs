@@ -59,6 +59,8 @@ pub struct Pins {
     pub pressure: AdcCount,
     /// Encoder.
     pub encoder: EncoderCount,
+    /// The valve's voltage, read back.
+    pub read_back: AdcCount,
     /// The button.
     pub button_pressed: bool,
     /// The two contacts of the emergency stop, or their wires, are open.
@@ -328,6 +330,7 @@ fn from_pins(pins: &Pins, timing: Timing, request: Request) -> Sensors {
         bridge: pins.bridge,
         pressure: pins.pressure,
         encoder: pins.encoder,
+        read_back: pins.read_back,
         missed_ticks: timing.missed_ticks,
         request,
     }
@@ -410,14 +413,18 @@ mod tests {
             bridge: AdcCount(2048),
             pressure: AdcCount(410),
             encoder: EncoderCount(7),
+            read_back: AdcCount(0),
             button_pressed: false,
             stop_open: [false; 2],
             enabling_closed: false,
         }
     }
 
+    /// A tick with the valve's voltage as it was set.
     fn tick(device: &mut Device, pins: &Pins, commands: &[Command]) -> Tick {
-        device.tick(pins, Timing::default(), commands.iter().copied())
+        let read_back = AdcCount(device.output.valve.get());
+        let pins = Pins { read_back, ..*pins };
+        device.tick(&pins, Timing::default(), commands.iter().copied())
     }
 
     /// A device that has passed its self-check.
@@ -431,9 +438,15 @@ mod tests {
     }
 
     fn simulated(sequence: u32, request: Request) -> Command {
+        simulated_after(sequence, request, DacCount::default())
+    }
+
+    /// The same after a tick with this output.
+    fn simulated_after(sequence: u32, request: Request, valve: DacCount) -> Command {
         Command::Sensors(SimulatedSensors {
             sequence,
             sensors: Sensors {
+                read_back: AdcCount(valve.get()),
                 // A finger pulls with 10 N.
                 bridge: AdcCount(if sequence < 60 { 2048 } else { 2867 }),
                 request,
@@ -736,6 +749,27 @@ mod tests {
         assert!(!pulses(&mut device, &ajar));
     }
 
+    /// The weight stays where it is: what a converter that does not obey would do is unknown.
+    #[test]
+    fn port_closes_at_once_on_a_wrong_voltage_of_the_valve() {
+        let mut device = ready();
+        tick(
+            &mut device,
+            &resting(),
+            &[Command::Request(Request::Assist)],
+        );
+        assert!(pulses(&mut device, &resting()));
+        let wrong = Pins {
+            read_back: AdcCount(device.output.valve.get() + 200),
+            ..resting()
+        };
+        for expected in [None, None, Some(Fault::ValveVoltage)] {
+            let seen = device.tick(&wrong, Timing::default(), core::iter::empty());
+            assert_eq!(seen.telemetry.output.fault, expected);
+        }
+        assert!(!pulses(&mut device, &resting()));
+    }
+
     #[test]
     fn stuck_button_does_nothing() {
         let mut device = Device::new(settings());
@@ -761,7 +795,8 @@ mod tests {
             } else {
                 Request::None
             };
-            let seen = tick(&mut device, &resting(), &[simulated(sequence, request)]);
+            let message = simulated_after(sequence, request, device.output.valve);
+            let seen = tick(&mut device, &resting(), &[message]);
             assert_eq!(seen.telemetry.source, Source::Link(sequence));
             assert_eq!(seen.valve.get(), 0);
             asked_for = asked_for.max(seen.telemetry.output.valve.get());
@@ -781,7 +816,7 @@ mod tests {
             } else {
                 Request::None
             };
-            let message = simulated(sequence, request);
+            let message = simulated_after(sequence, request, bare.state().valve);
             let old = simulated(sequence.saturating_sub(3), Request::Vent);
             let queue = [old, Command::Request(Request::Vent), message, message];
             let seen = if sequence == 1 {

@@ -73,6 +73,8 @@ pub struct Sensors {
     pub pressure: AdcCount,
     /// Muscle displacement encoder.
     pub encoder: EncoderCount,
+    /// The valve's voltage, read back before this tick sets another.
+    pub read_back: AdcCount,
     /// Ticks missed since the last one.
     pub missed_ticks: u8,
     /// The request of the person or the link.

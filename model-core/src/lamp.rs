@@ -21,7 +21,7 @@ pub fn flashes(fault: Fault) -> u32 {
         Fault::Bridge(_) => 1,
         Fault::Pressure(_) => 2,
         Fault::Encoder(_) => 3,
-        Fault::OverPressure | Fault::PressureControl => 4,
+        Fault::OverPressure | Fault::PressureControl | Fault::ValveVoltage => 4,
         Fault::OverContraction | Fault::OverSpeed | Fault::ForceBalance | Fault::Uncommanded => 5,
         Fault::LoadedLever | Fault::NotVented | Fault::NotStill => 6,
         Fault::EmergencyStop | Fault::StopContactsDiffer => 7,

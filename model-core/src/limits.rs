@@ -41,6 +41,15 @@ supervisor_limits! {
     OVER_SPEED_TICKS: u16 = 2, "tick",
         "Ticks in a row of that speed: a jump of the encoder stays in two differences.";
 
+    // The valve's voltage, read back.
+    READ_BACK_OFF_COUNTS: u16 = 64, "count",
+        "Largest difference of the valve's voltage from the one that was set, as read back: offset \
+         41 and nonlinearity 12 of an MCP4922 (DS22250), 5 of the converter that reads it. Of the \
+         chip's DAC: 12 and 4 (DS10693), and 19 for 1 µA of leakage in its 15 kΩ.";
+    READ_BACK_OFF_SHARE: u16 = 64, "1",
+        "And this part of it besides, 1.6 %: 1 MΩ take 1.5 % behind 15 kΩ, the gain is off by \
+         0.5 % (MCP4922: by 1 %, nothing is taken).";
+
     // What the reference does about a weight that is fast, before that is a fault.
     DRIVEN_SPEED: f32 = 1.2, "1",
         "Speed from which the reference does not drive the weight on, over the reference's: a \

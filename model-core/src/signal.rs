@@ -3,7 +3,7 @@
 //! Newtypes are used at the electrical interface only; inside, quantities are SI numbers. The
 //! simulator and hardware in the loop use the conversion from quantities to counts.
 
-use crate::limits::ADC_VALID;
+use crate::limits::{ADC_VALID, READ_BACK_OFF_COUNTS, READ_BACK_OFF_SHARE};
 use crate::number::Number;
 use crate::pressure::GaugePa;
 use serde::{Deserialize, Serialize};
@@ -39,6 +39,13 @@ impl DacCount {
     /// The count.
     pub fn get(self) -> u16 {
         self.0
+    }
+
+    /// Whether the voltage of this count may be read back as `read`. Both converters divide the
+    /// same supply, so that it does not matter.
+    pub fn may_be_read_as(self, read: AdcCount) -> bool {
+        let off_max = READ_BACK_OFF_COUNTS + self.0 / READ_BACK_OFF_SHARE;
+        self.0.abs_diff(read.0) <= off_max
     }
 }
 

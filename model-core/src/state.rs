@@ -6,7 +6,7 @@ use crate::number::Number;
 use crate::plausibility::{BadTickCount, SensorMonitor};
 use crate::retreat::Retreat;
 use crate::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
-use crate::signal::EncoderCount;
+use crate::signal::{DacCount, EncoderCount};
 use crate::supervisor::{Decision, Fault, Mode};
 use crate::voted::{PLAIN, Voted};
 use serde::{Deserialize, Serialize};
@@ -26,6 +26,10 @@ pub struct State {
     pub port_open: bool,
     /// P_r \[Pa\] as commanded by the last tick.
     pub pressure_ref_pa: f32,
+    /// The same as the valve's DAC was set to it.
+    pub valve: DacCount,
+    /// Ticks in which the valve's voltage was not the one of the tick before.
+    pub voltage: BadTickCount,
     /// The reference has met the assist law: from then on it may move fast.
     pub engaged: bool,
     /// Holding only until a suspect reading is good again.
@@ -73,7 +77,7 @@ impl State {
     /// the weight where it is. It is open from a passed self-check on, and until the muscle is
     /// empty again. After a reset it stays closed: what the muscle then contains is unknown, and
     /// with the valve at its exhaust it would drop the weight. It closes at once if the pressure
-    /// does not obey the valve.
+    /// does not obey the valve, or the valve's voltage the controller.
     pub fn apply(&mut self, values: &SettingsValues, decision: Decision) {
         match decision {
             Decision::Stay => self.mode_ticks = self.mode_ticks.saturating_add(1),
@@ -84,7 +88,10 @@ impl State {
             }
             Decision::Fail(fault) => {
                 self.fault = Some(fault);
-                if matches!(fault, Fault::PressureControl | Fault::Uncommanded) {
+                if matches!(
+                    fault,
+                    Fault::PressureControl | Fault::Uncommanded | Fault::ValveVoltage
+                ) {
                     self.port_open = false;
                 }
                 if self.mode != Mode::Venting {
@@ -140,7 +147,7 @@ pub(crate) fn within_pa<T: Number>(pressure_pa: T, most_pa: T) -> T {
 /// Words of the settings, and of the state at most.
 const SETTINGS_WORDS: usize = 49;
 /// See [`SETTINGS_WORDS`].
-const STATE_WORDS: usize = 65;
+const STATE_WORDS: usize = 67;
 
 /// Settings and state, each in several copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]

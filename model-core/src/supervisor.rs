@@ -79,6 +79,8 @@ pub enum Fault {
     StopContactsDiffer,
     /// The start-up self-test has failed.
     Start(StartFault),
+    /// The valve's voltage is not the one that was set.
+    ValveVoltage,
 }
 
 names! { Mode:
@@ -119,6 +121,7 @@ names! { Fault:
     "Start(Supply)" = Fault::Start, StartFault::Supply;
     "Start(ValveVoltage)" = Fault::Start, StartFault::ValveVoltage;
     "Start(BrownOut)" = Fault::Start, StartFault::BrownOut;
+    "ValveVoltage" = Fault::ValveVoltage;
 }
 
 /// What the analysis of a tick's sensors has found: all that [`decide`] needs.
@@ -159,6 +162,8 @@ pub struct Findings {
     pub ticks_missed: bool,
     /// The rest was disturbed for too long.
     pub uncommanded: bool,
+    /// The valve's voltage was not the one that was set.
+    pub voltage_astray: bool,
     /// The pressure does not follow its reference.
     pub pressure_astray: bool,
     /// The weight was too fast.
@@ -198,6 +203,8 @@ impl Findings {
                 self.request == Request::StopContactsDiffer,
                 Fault::StopContactsDiffer,
             ),
+            // Before what a wrong voltage leads to.
+            (self.voltage_astray, Fault::ValveVoltage),
             (self.over_pressure, Fault::OverPressure),
             (self.over_contraction, Fault::OverContraction),
             (self.ticks_missed, Fault::MissedTicks),
@@ -323,6 +330,7 @@ mod tests {
         over_contraction: false,
         ticks_missed: false,
         uncommanded: false,
+        voltage_astray: false,
         pressure_astray: false,
         too_fast: false,
         force_astray: false,
@@ -361,7 +369,7 @@ mod tests {
                       OverPressure OverContraction MissedTicks LoadedLever NotVented NotStill \
                       Uncommanded PressureControl ForceBalance OverSpeed Memory EmergencyStop \
                       StopContactsDiffer Start(Image) Start(Ram) Start(Stack) Start(Supply) \
-                      Start(ValveVoltage) Start(BrownOut)";
+                      Start(ValveVoltage) Start(BrownOut) ValveVoltage";
         assert!(
             faults
                 .split(' ')

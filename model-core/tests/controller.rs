@@ -10,7 +10,7 @@ use model_core::limits::{LIMITS, PLAY_SILENCE_TICKS};
 use model_core::plausibility::Doubt;
 use model_core::pressure::GaugePa;
 use model_core::settings::{ENCODED_LEN_MAX, Settings, SettingsValues};
-use model_core::signal::{AdcCount, EncoderCount};
+use model_core::signal::{AdcCount, DacCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
 use proptest::prelude::*;
@@ -51,6 +51,7 @@ impl Bench {
             bridge: AdcCount(values.bridge.count(self.finger_n).0 + flicker),
             pressure: AdcCount(values.pressure_sensor.count(self.pressure_pa).0 + flicker),
             encoder: EncoderCount(self.home.wrapping_add_signed(moved.round() as i32)),
+            read_back: AdcCount(self.controller.state().valve.get()),
             missed_ticks: 0,
             request: self.request,
         }
@@ -776,9 +777,13 @@ fn a_board_is_armed_until_its_reference_is_zero() {
         pressure: AdcCount(410),
         ..Pins::default()
     };
+    let mut read_back = AdcCount::default();
     let mut tick = |request: Request| {
         let command = Command::Request(request);
-        device.tick(&pins, Timing::default(), core::iter::once(command))
+        let pins = Pins { read_back, ..pins };
+        let tick = device.tick(&pins, Timing::default(), core::iter::once(command));
+        read_back = AdcCount(tick.valve.get());
+        tick
     };
     for _ in 0..60 {
         assert!(!tick(Request::None).armed);
@@ -1296,7 +1301,7 @@ fn moving_rate(values: &SettingsValues, contraction: f32, pressure_pa: f32) -> f
         / muscle.force_per_pressure_m2(contraction)
 }
 
-fn any_sensors() -> impl Strategy<Value = Sensors> {
+fn any_sensors() -> impl Strategy<Value = (Sensors, bool)> {
     let request = prop_oneof![
         Just(Request::None),
         Just(Request::Assist),
@@ -1309,13 +1314,19 @@ fn any_sensors() -> impl Strategy<Value = Sensors> {
     // Plausible readings among implausible ones, so that every mode is reached.
     let adc = |usual: std::ops::Range<u16>| prop_oneof![4 => usual, 1 => any::<u16>()];
     let encoder = prop_oneof![8 => 0..20_u32, 1 => any::<u32>()];
-    (adc(2040..2100), adc(409..500), encoder, 0..4_u8, request).prop_map(
-        |(bridge, pressure, encoder, missed_ticks, request)| Sensors {
-            bridge: AdcCount(bridge),
-            pressure: AdcCount(pressure),
-            encoder: EncoderCount(encoder),
-            missed_ticks,
-            request,
+    let read_back = prop_oneof![4 => Just(None), 1 => any::<u16>().prop_map(Some)];
+    let readings = (adc(2040..2100), adc(409..500), encoder);
+    (readings, read_back, 0..4_u8, request).prop_map(
+        |((bridge, pressure, encoder), read_back, missed_ticks, request)| {
+            let sensors = Sensors {
+                bridge: AdcCount(bridge),
+                pressure: AdcCount(pressure),
+                encoder: EncoderCount(encoder),
+                read_back: AdcCount(read_back.unwrap_or_default()),
+                missed_ticks,
+                request,
+            };
+            (sensors, read_back.is_some())
         },
     )
 }
@@ -1348,7 +1359,10 @@ proptest! {
         let values = settings.values();
         let max_pa = settings.values().pressure_pa_max;
         let mut last = bench.tick();
-        for sensors in run {
+        for (mut sensors, is_wrong) in run {
+            if !is_wrong {
+                sensors.read_back = AdcCount(bench.controller.state().valve.get());
+            }
             let output = bench.tick_with(&sensors);
             prop_assert!((0.0..=max_pa).contains(&output.pressure_ref.0));
             for value in [output.finger_force_n, output.reference_force_n, output.contraction,
@@ -1418,4 +1432,66 @@ fn a_damaged_memory_is_a_fault_and_lets_the_weight_down_if_nothing_is_known() {
         before_pa = output.pressure_ref.0;
     }
     assert!(before_pa > 2e5, "{before_pa}");
+}
+
+/// Of a controller that assists: the tick in which `off_counts` beside the valve's voltage are a
+/// fault, if they are one.
+fn found_after(off_counts: i32, missed_ticks: u8) -> Option<u32> {
+    let mut bench = Bench::assisting();
+    for tick in 1..=100 {
+        let valve = i32::from(bench.controller.state().valve.get());
+        // The muscle is above its reference: the ramp is the slow one.
+        bench.pressure_pa = bench.controller.state().pressure_ref_pa + 500.0;
+        let sensors = Sensors {
+            read_back: AdcCount((valve + off_counts) as u16),
+            missed_ticks,
+            ..bench.sensors()
+        };
+        let before = *bench.controller.state();
+        let output = bench.tick_with(&sensors);
+        if output.fault == Some(Fault::ValveVoltage) {
+            // Let down along the ramp.
+            let step_pa = before.pressure_ref_pa - output.pressure_ref.0;
+            let ramp_pa = bench.controller.settings().vent_rate_pa_per_s * 0.01;
+            assert!((0.0..=ramp_pa + 0.1).contains(&step_pa), "{step_pa}");
+            assert_eq!(output.mode, Mode::Venting);
+            assert!(before.port_open && !bench.controller.state().port_open);
+            return Some(tick);
+        }
+        assert_eq!(output.fault, None);
+    }
+    None
+}
+
+/// 90 kPa are 740 counts, for which the tolerance is 64 and 11 more.
+#[test]
+fn a_voltage_of_the_valve_that_was_not_set_is_a_fault_in_the_third_tick() {
+    for off_counts in [-730, -90, 90, 2_000] {
+        assert_eq!(found_after(off_counts, 0), Some(3), "{off_counts}");
+        assert_eq!(found_after(off_counts, 1), Some(2), "ticks are missed");
+    }
+    for off_counts in [-70, 0, 70] {
+        assert_eq!(found_after(off_counts, 0), None, "{off_counts}");
+    }
+}
+
+/// The tolerance holds for every count, and lets the errors of healthy converters pass.
+#[test]
+fn tolerance_of_the_valves_voltage_is_that_of_its_converters() {
+    for count in 0..=4095_u16 {
+        let (valve, most) = (DacCount::new(count), 64 + count / 64);
+        for (off, may) in [(most, true), (most + 1, false)] {
+            let low = count.checked_sub(off).map(AdcCount);
+            let high = AdcCount(count + off);
+            assert_eq!(valve.may_be_read_as(high), may, "{count} + {off}");
+            let is_low = low.is_none_or(|low| valve.may_be_read_as(low) == may);
+            assert!(is_low, "{count} - {off}");
+        }
+    }
+    // Through the DAC's 15 kΩ, with all its errors: what the tolerance must let pass.
+    for count in [0.0, 512.0, 2048.0, 4095.0_f64] {
+        let loaded = count / (1.0 + 15e3 / 1e6) * 0.995 - (12.0 + 4.0 + 5.0 + 19.0);
+        let read = AdcCount(loaded.max(0.0) as u16);
+        assert!(DacCount::new(count as u16).may_be_read_as(read), "{count}");
+    }
 }

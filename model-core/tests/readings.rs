@@ -19,13 +19,15 @@ fn values() -> SettingsValues {
     }
 }
 
-/// A rig on its stop at a pressure, with a flicker of a count as from noise.
-fn sensors(tick: u32, pressure_pa: f32, request: Request) -> Sensors {
+/// A rig on its stop at a pressure, after a tick with this output, with a flicker of a count as
+/// from noise.
+fn sensors(tick: u32, before: &Output, pressure_pa: f32, request: Request) -> Sensors {
     let flicker = (tick % 2) as u16;
     Sensors {
         bridge: AdcCount(values().bridge.count(0.5).0 + flicker),
         pressure: AdcCount(values().pressure_sensor.count(pressure_pa).0 + flicker),
         encoder: EncoderCount(0),
+        read_back: AdcCount(before.valve.get()),
         missed_ticks: 0,
         request,
     }
@@ -35,7 +37,7 @@ fn sensors(tick: u32, pressure_pa: f32, request: Request) -> Sensors {
 fn in_mode(mode: Mode) -> (Controller, Output) {
     let settings = Settings::new(values()).expect("valid settings");
     let mut controller = Controller::new(settings);
-    let mut output = controller.tick(&sensors(0, 0.0, Request::None));
+    let mut output = controller.tick(&sensors(0, &Output::default(), 0.0, Request::None));
     for tick in 1..200 {
         let request = match (mode, output.mode) {
             (Mode::SelfCheck, _) if tick > 10 => break,
@@ -46,7 +48,7 @@ fn in_mode(mode: Mode) -> (Controller, Output) {
             (Mode::Venting, Mode::Assisting) if tick > 100 => Request::Vent,
             _ => Request::None,
         };
-        output = controller.tick(&sensors(tick, output.pressure_ref.0, request));
+        output = controller.tick(&sensors(tick, &output, output.pressure_ref.0, request));
         assert_eq!(output.fault, None);
         if output.mode == mode && tick > 100 {
             break;
@@ -94,7 +96,7 @@ fn every_count_in_every_mode_leaves_the_reference_within_its_limits() {
                         Mode::Playing => Request::Play(200_000),
                         _ => Request::None,
                     };
-                    let mut read = sensors(tick, first.pressure_ref.0, request);
+                    let mut read = sensors(tick, &before, first.pressure_ref.0, request);
                     set(&mut read, count);
                     let after = controller.tick(&read);
                     let reference = after.pressure_ref;
@@ -117,6 +119,40 @@ fn every_count_in_every_mode_leaves_the_reference_within_its_limits() {
                     assert_eq!((before.mode, before.fault), expected, "{mode:?}, {count}");
                 }
             }
+        }
+    }
+}
+
+/// Whatever is read back of the valve's voltage: what may not be is a fault in the third tick in
+/// every mode, and the reference moves no faster than the settings allow.
+#[test]
+fn every_count_of_the_valves_voltage_is_judged_in_every_mode() {
+    let values = values();
+    for (mode, _) in Mode::NAMED {
+        let (begun, first) = in_mode(*mode);
+        for count in 0..=COUNT_MAX {
+            let (mut controller, mut before) = (begun, first);
+            // In a row, and the most of them.
+            let (mut wrong, mut most) = (0, 0);
+            for tick in 0..TICKS {
+                let mut read = sensors(tick, &before, first.pressure_ref.0, Request::None);
+                read.read_back = AdcCount(count);
+                let is_wrong = !before.valve.may_be_read_as(read.read_back);
+                wrong = if is_wrong { wrong + 1 } else { 0 };
+                most = most.max(wrong);
+                let after = controller.tick(&read);
+                assert!(
+                    is_within_its_rate(&values, &before, &after),
+                    "{mode:?}, {count}: {before:?}, {after:?}"
+                );
+                if wrong >= 3 {
+                    let expected = (Mode::Venting, Some(Fault::ValveVoltage));
+                    assert_eq!((after.mode, after.fault), expected, "{mode:?}, {count}");
+                    assert!(after.pressure_ref.0 <= before.pressure_ref.0);
+                }
+                before = after;
+            }
+            assert!(most > 0 || before.fault.is_none(), "{mode:?}, {count}");
         }
     }
 }

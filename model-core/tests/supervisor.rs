@@ -29,7 +29,7 @@ const REQUESTS: [Request; 8] = [
     Request::StopContactsDiffer,
 ];
 /// Findings that are true or false, and settings that allow experiments or do not.
-const FLAGS: u32 = 16;
+const FLAGS: u32 = 17;
 /// Inputs in a mode.
 const INPUTS: usize = STATUSES.len().pow(3) * REQUESTS.len() * (1 << FLAGS);
 
@@ -67,6 +67,7 @@ fn for_all(mut check: impl FnMut(&SettingsValues, &Findings)) -> usize {
                     pressure_astray: is(13),
                     too_fast: is(14),
                     force_astray: is(15),
+                    voltage_astray: is(16),
                 };
                 check(&values, &findings);
             }
@@ -96,6 +97,7 @@ fn is_found(fault: Fault, mode: Mode, findings: &Findings) -> bool {
         Fault::MissedTicks => findings.ticks_missed,
         Fault::Uncommanded => findings.uncommanded,
         Fault::PressureControl => findings.pressure_astray,
+        Fault::ValveVoltage => findings.voltage_astray,
         Fault::ForceBalance => findings.force_astray,
         Fault::OverSpeed => findings.too_fast,
         Fault::Memory => findings.memory_damaged,
@@ -204,7 +206,7 @@ fn every_decision_holds_and_the_modes_are_as_drawn() {
     });
     // What the page says is checked, and called.
     let checks: usize = found.iter().map(|(.., checks)| checks).sum();
-    assert_eq!((checks, found.len() * INPUTS), (229_376_000, 393_216_000));
+    assert_eq!((checks, found.len() * INPUTS), (458_752_000, 786_432_000));
     println!(
         "{checks} decisions checked in {:.1} s",
         begun.elapsed().as_secs_f64()

@@ -82,7 +82,7 @@ fn the_battery_reaches_every_mode_and_a_fault_of_each_instrument() {
     });
     let expected = ["Assisting", "Holding", "Ready", "SelfCheck", "Venting"];
     assert_eq!(modes, expected.map(String::from).into());
-    for instrument in ["Bridge", "Encoder", "Pressure"] {
+    for instrument in ["Bridge", "Encoder", "Pressure", "ValveVoltage"] {
         let is_reached = faults.iter().any(|fault| fault.starts_with(instrument));
         assert!(is_reached, "{instrument}: {faults:?}");
     }

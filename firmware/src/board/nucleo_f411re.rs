@@ -8,7 +8,7 @@
 //! | encoder A, B    | PA0, PA1 | TIM5 channels 1, 2     | 32-bit counter, encoder mode 3   |
 //! | valve: SCK, SDI | PB13, PB15 | SPI2, to an MCP4922 | written by the tick              |
 //! | valve: CS, SHDN | PB12, PB14 | outputs, CS high if idle; SHDN low shuts down | the same |
-//! | valve, read back | PA4 (A2) | ADC1 channel 4        | the self-test at start           |
+//! | valve, read back | PA4 (A2) | ADC1 channel 4        | DMA2 stream 0 channel 0         |
 //! | link TX         | PA2      | USART2 (the ST-LINK's) | DMA1 stream 6 channel 4          |
 //! | link RX         | PA3      | USART2                 | DMA1 stream 5 channel 4          |
 //! | user button B1  | PC13     | input, low if pressed  | read by the tick                 |

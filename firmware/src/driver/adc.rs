@@ -1,12 +1,13 @@
-//! Strain bridge, pressure sensor and internal reference: the tick timer triggers scans of ADC1
-//! at equal intervals over the whole period of a tick, and the DMA writes them to RAM.
+//! Strain bridge, pressure sensor, internal reference and valve's voltage: the tick timer triggers
+//! scans of ADC1 at equal intervals over the whole period of a tick, and the DMA writes them to
+//! RAM.
 
 use super::valve::Valve;
 use crate::board::{BridgePin, PressurePin};
 use core::ops::Range;
-use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use embedded_hal::delay::DelayNs;
-use model_core::sampling::{INPUTS, NOT_CONVERTED, SAMPLES, Sampler};
+use model_core::sampling::{INPUTS, NOT_CONVERTED, SAMPLES, Sampler, WORDS};
 use model_core::signal::{AdcCount, DacCount};
 use model_core::start::{VALVE_LEVELS, valve_level};
 use rig_drivers::valve::AnalogOutput;
@@ -22,13 +23,14 @@ use stm32f4xx_hal::rcc::Rcc;
 use stm32f4xx_hal::signature::VrefCal;
 use stm32f4xx_hal::{ClearFlags, Listen, adc};
 
-/// The buffer of the DMA: atomics, because the CPU reads while the DMA may write.
-static CONVERSIONS: [AtomicU16; SAMPLES] = [const { AtomicU16::new(0) }; SAMPLES];
+/// The buffer of the DMA, half-words in pairs: atomics, because the CPU reads while the DMA may
+/// write.
+static CONVERSIONS: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 
 /// Addresses of that buffer.
 pub fn buffer() -> Range<u32> {
     let Range { start, end } = CONVERSIONS.as_ptr_range();
-    start as u32 & !3..(end as u32).next_multiple_of(4)
+    start as u32..end as u32
 }
 
 /// Time for the reference and for the valve's voltage to settle \[µs\].
@@ -64,11 +66,13 @@ impl Adc {
         adc.enable_temperature_and_vref();
         let (start_reference, start_valve) = first_readings(&mut adc, valve, delay);
         // At 18 MHz (24 MHz, F411) 84 cycles are 4.7 µs (3.5 µs), and 480 are 26 µs (20 µs): the
-        // reference needs 10 µs.
+        // reference needs 10 µs. Through the 15 kΩ of the chip's DAC 84 cycles are 32 time
+        // constants of the sampling capacitor (F411: its converter has a buffer).
         adc.configure_channel(&bridge, Sequence::One, SampleTime::Cycles_84);
         adc.configure_channel(&pressure, Sequence::Two, SampleTime::Cycles_84);
         adc.configure_channel(&adc::Vref, Sequence::Three, SampleTime::Cycles_480);
-        const { assert!(INPUTS == 3) };
+        adc.configure_channel(&valve.read_back, Sequence::Four, SampleTime::Cycles_84);
+        const { assert!(INPUTS == 4) };
         stream.set_channel(DmaChannel::Channel0);
         stream.set_direction(DmaDirection::PeripheralToMemory);
         stream.set_peripheral_address(adc.data_register_address());
@@ -95,18 +99,25 @@ impl Adc {
         }
     }
 
-    /// The readings of bridge and pressure sensor over the last period. Clears the interrupt of the
-    /// DMA stream.
-    pub fn read(&mut self) -> (AdcCount, AdcCount) {
+    /// The readings of bridge and pressure sensor over the last period, and of the valve's voltage
+    /// at its end. Clears the interrupt of the DMA stream.
+    pub fn read(&mut self) -> [AdcCount; 3] {
         self.stream.clear_flags(DmaFlag::TransferComplete);
         let conversions = core::array::from_fn(|n| CONVERSIONS[n].load(Relaxed));
-        // Only the last one, which the DMA replaces just before the next tick: a late tick must
+        // Only the last ones, which the DMA replaces just before the next tick: a late tick must
         // not overwrite conversions of the period that has begun.
-        CONVERSIONS[SAMPLES - 1].store(NOT_CONVERTED, Relaxed);
-        let (bridge, pressure) = self.sampler.readings(&conversions);
+        CONVERSIONS[WORDS - 1].store(NOT_CONVERTED, Relaxed);
+        let readings = self.sampler.readings(&conversions);
         #[cfg(feature = "ads1220")]
-        let bridge = super::bridge_converter::read(bridge);
-        (bridge, pressure)
+        let readings = {
+            let [half_supply, pressure, read_back] = readings;
+            [
+                super::bridge_converter::read(half_supply),
+                pressure,
+                read_back,
+            ]
+        };
+        readings
     }
 }
 

@@ -13,6 +13,7 @@ use crate::error::BadInput;
 use crate::rig::Rig;
 use model_core::io::{Output, Request, Sensors};
 use model_core::settings::Settings;
+use model_core::signal::DacCount;
 use model_core::supervisor::Mode;
 use muscle_plant::simulation::{Drive, Initial, Simulation};
 use muscle_plant::simulation::{Simulated, TOLERANCE};
@@ -101,6 +102,7 @@ pub fn run_on<T: ControllerPort>(
     let mut simulation = Simulation::new(plant, &initial, &drive, run.tolerance);
     let mut noise = Pcg64Mcg::seed_from_u64(run.seed);
     let mut request = Request::None;
+    let mut valve = DacCount::default();
     let mut player = run.play.clone();
     let shutoff_delay_ticks = (run.shutoff_delay_s / TICK_S).round() as usize;
     let ticks = ((run.duration_s / TICK_S).round() as usize).max(1);
@@ -116,8 +118,9 @@ pub fn run_on<T: ControllerPort>(
             pressure_pa: reading.pressure.0 + run.pressure_noise_pa * normal(),
             travel_m: reading.contraction * f64::from(values.muscle.initial_length_m),
         };
-        let sensors = sample(values, &measured, request);
+        let sensors = sample(values, &measured, valve, request);
         let output = controller.tick(&sensors)?;
+        valve = output.valve;
         request = match &mut player {
             Some(player) => player.request(number as u32, &output),
             // The person asks for assistance as soon as it is offered.

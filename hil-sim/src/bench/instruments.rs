@@ -4,7 +4,7 @@
 use model_core::io::{Output, Request, Sensors};
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{AdcCount, EncoderCount};
+use model_core::signal::{AdcCount, DacCount, EncoderCount};
 
 /// What the instruments measure at one instant.
 #[derive(Clone, Copy)]
@@ -31,13 +31,20 @@ pub(crate) fn encoder_counts(values: &SettingsValues, measured: &Measurands) -> 
     (measured.travel_m / f64::from(values.encoder_m_per_count)).round() as i64
 }
 
-/// The input of a tick that the board's converters give, with a request from the link.
-pub(crate) fn sample(values: &SettingsValues, measured: &Measurands, request: Request) -> Sensors {
+/// The input of a tick that the board's converters give after one with this valve output, with a
+/// request from the link.
+pub(crate) fn sample(
+    values: &SettingsValues,
+    measured: &Measurands,
+    valve: DacCount,
+    request: Request,
+) -> Sensors {
     let [bridge, pressure] = adc_counts(values, measured);
     Sensors {
         bridge,
         pressure,
         encoder: EncoderCount(encoder_counts(values, measured) as i32 as u32),
+        read_back: AdcCount(valve.get()),
         missed_ticks: 0,
         request,
     }

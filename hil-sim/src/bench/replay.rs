@@ -99,6 +99,7 @@ fn sensors(record: &Record) -> Result<Vec<Sensors>, BadInput> {
     let pressure = counts(record, record::PRESSURE_COUNT)?;
     let encoder = counts(record, record::ENCODER_COUNT)?;
     let missed = counts(record, record::MISSED_TICKS)?;
+    let read_back = read_back(record)?;
     let requests = record.require_text(record::REQUEST)?;
     let request = |row: usize| {
         let name = &requests[row];
@@ -115,11 +116,28 @@ fn sensors(record: &Record) -> Result<Vec<Sensors>, BadInput> {
                 bridge: AdcCount(bridge[row] as u16),
                 pressure: AdcCount(pressure[row] as u16),
                 encoder: EncoderCount(encoder[row]),
+                read_back: AdcCount(read_back[row] as u16),
                 missed_ticks: missed[row] as u8,
                 request: request(row)?,
             })
         })
         .collect()
+}
+
+/// The valve's voltage as it was read back. A record of earlier firmware has none: what was set in
+/// the row before, and 0 V at a start of the controller.
+fn read_back(record: &Record) -> Result<Vec<u32>, BadInput> {
+    if record.column(record::READ_BACK_COUNT).is_some() {
+        return counts(record, record::READ_BACK_COUNT);
+    }
+    let mut set = counts(record, record::VALVE_COUNT)?;
+    set.rotate_right(1);
+    for (row, start) in starts(record)?.iter().enumerate() {
+        if row == 0 || start.is_some() {
+            set[row] = 0;
+        }
+    }
+    Ok(set)
 }
 
 /// For each row, the settings of a controller that starts in it.

@@ -43,11 +43,13 @@ pub enum SafetyFunction {
     EmergencyStop,
     /// A weight that was let down on something, such as a foot, is lifted again.
     Retreat,
+    /// A voltage of the valve, read back, that was not set is a fault.
+    ReadBack,
 }
 
 impl SafetyFunction {
     /// All safety functions.
-    pub const ALL: [SafetyFunction; 14] = [
+    pub const ALL: [SafetyFunction; 15] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
@@ -62,6 +64,7 @@ impl SafetyFunction {
         SafetyFunction::MemoryVote,
         SafetyFunction::EmergencyStop,
         SafetyFunction::Retreat,
+        SafetyFunction::ReadBack,
     ];
 
     /// The name on the command line and in JSON.
@@ -81,6 +84,7 @@ impl SafetyFunction {
             SafetyFunction::MemoryVote => "MemoryVote",
             SafetyFunction::EmergencyStop => "EmergencyStop",
             SafetyFunction::Retreat => "Retreat",
+            SafetyFunction::ReadBack => "ReadBack",
         }
     }
 
@@ -158,6 +162,7 @@ impl AblatedController {
                 findings.force_astray = false;
             }
             (Some(SafetyFunction::SpeedTrip), _) => findings.too_fast = false,
+            (Some(SafetyFunction::ReadBack), _) => findings.voltage_astray = false,
             (Some(SafetyFunction::MissedTicks), _) => findings.ticks_missed = false,
             (Some(SafetyFunction::EmergencyStop), _)
                 if matches!(
@@ -264,7 +269,7 @@ mod tests {
     fn names_are_those_of_the_command_line() {
         let names = "SensorRange SensorStep SensorStuck PressureWatch WeightWatch SpeedTrip \
                      ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote \
-                     EmergencyStop Retreat";
+                     EmergencyStop Retreat ReadBack";
         assert!(
             names
                 .split(' ')

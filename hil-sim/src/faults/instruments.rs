@@ -102,6 +102,7 @@ impl<'a> Instruments<'a> {
             bridge: AdcCount(adc[0]),
             pressure: AdcCount(adc[1]),
             encoder: EncoderCount((encoder - self.lost.round() as i64) as i32 as u32),
+            read_back: AdcCount::default(),
             button_pressed: false,
             stop_open: [false; 2],
             enabling_closed: false,

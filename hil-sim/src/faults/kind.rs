@@ -2,8 +2,8 @@
 
 use super::Moment;
 use Inject::{
-    AnalogGain, Dac, Damage, Drift, EncoderLoses, Freeze, Hang, Healthy, HoseOff, Jump, Leak,
-    Lever, Link, Load, Noise, Reading, Reversed, Settings, Supply, Ticks, Valve,
+    AnalogGain, Dac, DacOff, Damage, Drift, EncoderLoses, Freeze, Hang, Healthy, HoseOff, Jump,
+    Leak, Lever, Link, Load, Noise, Reading, Reversed, Settings, Supply, Ticks, Valve,
 };
 use LimitedBy::{Controller, Physics};
 use model_core::plausibility::Doubt;
@@ -119,6 +119,8 @@ pub enum Inject {
     Lever,
     /// The DAC stays at this share of its scale, or at its present value if the size is below 0.
     Dac,
+    /// The DAC's voltage is off by this share of its scale.
+    DacOff,
     /// The program hangs; the size is the time until the watchdog resets it \[s\].
     Hang,
     /// The size is the duration of a loss of the supply voltage \[s\].
@@ -261,6 +263,11 @@ fn encoder(fault: Fault) -> bool {
 
 fn pressure(fault: Fault) -> bool {
     matches!(fault, Fault::Pressure(_) | Fault::PressureControl)
+}
+
+/// The valve's voltage, or what follows from it.
+fn voltage_pressure_or_weight(fault: Fault) -> bool {
+    fault == Fault::ValveVoltage || pressure_or_weight(fault)
 }
 
 fn weight(fault: Fault) -> bool {
@@ -628,7 +635,7 @@ pub const KINDS: &[Kind] = &[
         &[1.0],
         "of scale",
         UP_AND_DOWN,
-        latched(|_| 0.1, HELD, pressure_or_weight),
+        latched(|_| SUSPECT_S + 0.01, IN_USE, voltage_pressure_or_weight),
     )
     .bars_start(),
     kind(
@@ -637,7 +644,20 @@ pub const KINDS: &[Kind] = &[
         &[0.0],
         "of scale",
         DOWN,
-        latched(|_| 0.1, HELD, pressure),
+        latched(|_| SUSPECT_S + 0.01, HELD, voltage_pressure_or_weight),
+    ),
+    // It is read back a tick after it was set.
+    kind(
+        "DAC off",
+        DacOff,
+        &[-0.1, -0.03, 0.03, 0.1],
+        "of scale",
+        Controller,
+        latched(
+            |_| SUSPECT_S + 0.01,
+            HELD,
+            |fault| fault == Fault::ValveVoltage,
+        ),
     ),
     kind(
         "ADC overrun",

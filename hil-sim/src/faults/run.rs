@@ -20,7 +20,7 @@ use model_core::io::{Request, Sensors};
 use model_core::link::ToDevice;
 use model_core::pressure::GaugePa;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{COUNT_MAX, DacCount};
+use model_core::signal::{AdcCount, COUNT_MAX, DacCount};
 use model_core::supervisor::Mode;
 use model_core::voted::COPIES;
 use muscle_plant::simulation::{Drive, Plant, Simulated};
@@ -133,6 +133,11 @@ impl Schedule {
         is_missed
     }
 
+    /// Whether the device is reset now.
+    fn is_reset(&self, time_s: f64) -> bool {
+        self.reset_s.is_some_and(|reset_s| time_s >= reset_s)
+    }
+
     fn hangs(&self, time_s: f64) -> bool {
         self.reset_s.is_some() || time_s < self.ticks_again_s
     }
@@ -165,6 +170,8 @@ struct CaseRun<'a> {
     slow_pa: f64,
     /// Reference at which the DAC is stuck \[Pa\].
     stuck_pa: Option<f64>,
+    /// The DAC's voltage since the last tick.
+    read_back: AdcCount,
 }
 
 impl<'a> CaseRun<'a> {
@@ -193,6 +200,7 @@ impl<'a> CaseRun<'a> {
             fault_occurred: false,
             slow_pa: 0.0,
             stuck_pa: None,
+            read_back: AdcCount::default(),
         })
     }
 
@@ -264,6 +272,10 @@ impl<'a> CaseRun<'a> {
         ];
         let since_s = fault.map(|(_, since_s)| since_s);
         let mut pins = self.instruments.pins(truth, since_s, normal);
+        // A reset brings it to 0 V.
+        if !self.schedule.is_reset(time_s) {
+            pins.read_back = self.read_back;
+        }
         if let Some((Inject::Stop(open), _)) = fault {
             pins.stop_open = open;
         }
@@ -309,7 +321,7 @@ impl<'a> CaseRun<'a> {
     /// is missed.
     fn tick(&mut self, unit: &mut impl Unit, time_s: f64, pins: &Pins, bytes: &[u8]) -> Option<u8> {
         let schedule = &mut self.schedule;
-        if schedule.reset_s.is_some_and(|reset_s| time_s >= reset_s) {
+        if schedule.is_reset(time_s) {
             unit.restart();
             self.device = DeviceOutput::default();
             schedule.reset_s = None;
@@ -337,12 +349,23 @@ impl<'a> CaseRun<'a> {
 
     /// The valve's reference at the output of the DAC's amplifier \[Pa\].
     fn valve_reference_pa(&mut self) -> f64 {
+        let reference_pa = self.dac_pa();
+        let count = self.values.valve_drive.count(GaugePa(reference_pa as f32));
+        self.read_back = AdcCount(count.get());
+        reference_pa
+    }
+
+    fn dac_pa(&mut self) -> f64 {
         let pa = |count| f64::from(self.values.valve_drive.pressure(count).0);
+        let full_pa = pa(DacCount::new(COUNT_MAX));
         match (self.case.kind.inject, self.fault_occurred) {
             (Inject::Dac, true) if self.case.size < 0.0 => {
                 *self.stuck_pa.get_or_insert(self.drive.reference.0)
             }
-            (Inject::Dac, true) => self.case.size * pa(DacCount::new(COUNT_MAX)),
+            (Inject::Dac, true) => self.case.size * full_pa,
+            (Inject::DacOff, true) => {
+                (pa(self.device.valve) + self.case.size * full_pa).clamp(0.0, full_pa)
+            }
             _ => pa(self.device.valve),
         }
     }
@@ -430,6 +453,7 @@ fn sensors(pins: &Pins, missed_ticks: u8, request: Request) -> Sensors {
         bridge: pins.bridge,
         pressure: pins.pressure,
         encoder: pins.encoder,
+        read_back: pins.read_back,
         missed_ticks,
         request,
     }

@@ -94,7 +94,7 @@ fn hex(settings: &Settings) -> String {
 }
 
 /// The columns of a record of ticks, in the file's order.
-pub const COLUMNS: [Column; 24] = [
+pub const COLUMNS: [Column; 25] = [
     number(record::TIME_S, "s", "Time of the sample", |row| {
         Cell::Number(row.time_s)
     }),
@@ -162,6 +162,12 @@ pub const COLUMNS: [Column; 24] = [
         "counts",
         "Encoder as the controller read it",
         |row| Cell::Number(row.sensors.encoder.0.into()),
+    ),
+    number(
+        record::READ_BACK_COUNT,
+        "ADC counts",
+        "The valve's voltage as the controller read it back, before this row's output",
+        |row| Cell::Number(row.sensors.read_back.0.into()),
     ),
     number(
         record::MISSED_TICKS,

@@ -47,6 +47,8 @@ pub const BRIDGE_COUNT: &str = "bridge_count";
 pub const PRESSURE_COUNT: &str = "pressure_count";
 /// Encoder as the controller read it \[counts\].
 pub const ENCODER_COUNT: &str = "encoder_count";
+/// The valve's voltage as the controller read it back \[ADC counts\].
+pub const READ_BACK_COUNT: &str = "read_back_count";
 /// Ticks that were missed before this one.
 pub const MISSED_TICKS: &str = "missed_ticks";
 /// The request to the controller: text, see `model_core::io::Request`.
@@ -75,7 +77,7 @@ pub const SETTINGS: &str = "settings";
 
 /// The known columns and the range of values that they can have on any rig of this kind. Numbers in
 /// other units of the trade, such as contractions in mm, are within: [`check`] names the unit.
-const KNOWN: [(&str, f64, f64); 21] = [
+const KNOWN: [(&str, f64, f64); 22] = [
     (TIME_S, -1e12, 1e12),
     (PRESSURE_REF_PA, -1e8, 1e8),
     (PRESSURE_PA, -1e8, 1e8),
@@ -90,6 +92,7 @@ const KNOWN: [(&str, f64, f64); 21] = [
     (BRIDGE_COUNT, 0.0, 65_535.0),
     (PRESSURE_COUNT, 0.0, 65_535.0),
     (ENCODER_COUNT, 0.0, U32_MAX),
+    (READ_BACK_COUNT, 0.0, 65_535.0),
     (MISSED_TICKS, 0.0, 255.0),
     (VALVE_COUNT, 0.0, 4_095.0),
     (EXACT_PRESSURE_REF_PA, -1e8, 1e8),

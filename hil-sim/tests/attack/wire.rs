@@ -4,7 +4,7 @@
 use rand::{Rng, RngExt};
 
 /// Version of the messages that the page describes.
-const VERSION: u8 = 7;
+const VERSION: u8 = 8;
 
 /// CRC-32 (ISO-HDLC), bit by bit.
 fn crc(bytes: &[u8]) -> u32 {
@@ -116,6 +116,7 @@ impl Attacker {
                     count(random),
                     count(random),
                     varint(random.next_u32() % 100),
+                    count(random),
                 ];
                 let sensors = [readings.concat(), vec![0], request(random)].concat();
                 [vec![3, 3], varint(self.sequence), sensors].concat()
@@ -208,10 +209,10 @@ mod tests {
     /// The frames of the page.
     #[test]
     fn frames_are_those_of_the_page() {
-        let identify = [0x02, 0x07, 0x05, 0x38, 0x84, 0x98, 0x0E, 0x00];
+        let identify = [0x02, 0x08, 0x03, 0xF7, 0x98, 0x02, 0x89, 0x00];
         assert_eq!(frame_of(VERSION, &[0]), identify);
-        let vent = [0x03, 0x07, 0x03, 0x06, 0x03, 0x46, 0x08, 0xDC, 0x27, 0x00];
+        let vent = [0x03, 0x08, 0x03, 0x06, 0x03, 0x10, 0x18, 0xBF, 0x7F, 0x00];
         assert_eq!(frame_of(VERSION, &[3, 0, 3]), vent);
-        assert_eq!(contents(&vent), [7, 3, 0, 3]);
+        assert_eq!(contents(&vent), [8, 3, 0, 3]);
     }
 }

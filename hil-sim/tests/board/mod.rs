@@ -18,7 +18,7 @@ use model_core::link::{
     ToDevice, Written, board_name, encode,
 };
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{AdcCount, EncoderCount};
+use model_core::signal::{AdcCount, DacCount, EncoderCount};
 use model_core::timing::Timing;
 use serde::Serialize;
 use std::collections::VecDeque;
@@ -59,6 +59,8 @@ pub struct DeviceBoard {
     pub hand: Option<ButtonHolder>,
     /// Is pressed in the next tick.
     pressed: bool,
+    /// What the valve was set to in the last one.
+    valve: DacCount,
     gate: SettingsGate,
     signature: Signature,
     /// What was stored, the newest last.
@@ -83,6 +85,7 @@ impl DeviceBoard {
             events: VecDeque::new(),
             hand: Some(ButtonHolder::default()),
             pressed: false,
+            valve: DacCount::default(),
             gate: SettingsGate::default(),
             signature: Signature::default(),
             changes: Vec::new(),
@@ -138,6 +141,7 @@ impl DeviceBoard {
 
     fn reset(&mut self) {
         self.device = Device::new(Settings::new(self.settings).unwrap());
+        self.valve = DacCount::default();
         self.commands.clear();
         self.gate = SettingsGate::default();
         self.decoder = Decoder::new();
@@ -232,12 +236,14 @@ impl DeviceBoard {
         let pins = Pins {
             bridge: AdcCount(2047 + wobble),
             pressure: AdcCount(409 + wobble),
+            read_back: AdcCount(self.valve.get()),
             button_pressed: self.pressed,
             ..Pins::default()
         };
         let commands = &mut self.commands;
         let queued = std::iter::from_fn(|| commands.pop_front());
         let tick = self.device.tick(&pins, Timing::default(), queued);
+        self.valve = tick.valve;
         self.pressed = self
             .hand
             .as_mut()

@@ -1,11 +1,12 @@
 //! Sensor values for long runs; `tests/board` includes this file too.
 
-use model_core::io::{Request, Sensors};
+use model_core::io::{Output, Request, Sensors};
 use model_core::signal::{AdcCount, EncoderCount};
 
 /// Sensor values that lead the controller through all of its modes, including faults: a muscle with
 /// the reference settings in balance with its weight, whose pressure reading fails occasionally.
-pub fn wander(tick: u32) -> Sensors {
+/// `before` is the output of the tick before.
+pub fn wander(tick: u32, before: &Output) -> Sensors {
     let noise = f64::from(tick.wrapping_mul(2_654_435_761) >> 30);
     let at = f64::from(tick % 1_000);
     let ramp = |from: f64, to: f64| ((at - from) / (to - from)).clamp(0.0, 1.0);
@@ -35,6 +36,7 @@ pub fn wander(tick: u32) -> Sensors {
         bridge: AdcCount((2_048.0 + 0.05 * force_n * 81.92 + noise) as u16),
         pressure: AdcCount(pressure as u16),
         encoder: EncoderCount((contraction * 0.3 / 12.5e-6) as u32),
+        read_back: AdcCount(before.valve.get()),
         missed_ticks: 0,
         request,
     }

@@ -162,6 +162,7 @@ impl InMemory {
             bridge: AdcCount(inputs.bridge),
             pressure: AdcCount(inputs.pressure),
             encoder: EncoderCount(inputs.encoder as u32),
+            read_back: AdcCount(self.valve.get()),
             button_pressed: self.pressed,
             stop_open: inputs.stop_open,
             enabling_closed: false,

@@ -79,6 +79,25 @@ fn parse(log: &str, logged: &mut BTreeMap<(String, String), bool>) {
     }
 }
 
+/// Whether the item is defined there and not only mentioned: a function, a type, a constant or a
+/// field.
+fn defines(text: &str, item: &str) -> bool {
+    const KINDS: [&str; 7] = ["fn", "struct", "enum", "trait", "const", "static", "type"];
+    let code = text.lines().map(str::trim_start);
+    let mut places = code
+        .filter(|line| !line.starts_with("//"))
+        .flat_map(|line| {
+            let found = line.match_indices(item);
+            found.map(move |(at, _)| (line[..at].trim_end(), &line[at + item.len()..]))
+        });
+    places.any(|(before, after)| {
+        let is_part = |letter: char| letter.is_alphanumeric() || letter == '_';
+        let last = before.rsplit(' ').next().unwrap_or_default();
+        let is_field = matches!(before, "" | "pub") && after.starts_with(": ");
+        !after.starts_with(is_part) && (KINDS.contains(&last) || is_field)
+    })
+}
+
 /// What is wrong with a place `path#item` in the repository; a test must be one.
 pub fn missing(place: &str, is_test: bool) -> Option<String> {
     let (path, item) = place.split_once('#')?;
@@ -92,7 +111,7 @@ pub fn missing(place: &str, is_test: bool) -> Option<String> {
             before.contains("#[test]") || text[..at].contains("proptest! {")
         })
     } else {
-        text.contains(item)
+        item.is_empty() || defines(&text, item)
     };
     (!is_found).then(|| format!("{place}: not found"))
 }
@@ -128,6 +147,13 @@ test slow ... ignored, takes minutes
         assert!(missing("hil-sim/tests/safety_case/evidence.rs#parse", true).is_some());
         let item = ["model-core/src/stop.rs#Stop", "Nothing"].concat();
         assert!(missing(&item, false).is_some());
+        // Mentioned is not defined.
+        for item in ["fail", "Findings", "Stop", "Contact"] {
+            let place = format!("model-core/src/stop.rs#{item}");
+            assert!(missing(&place, false).is_some(), "{place}");
+        }
+        let place = "model-core/src/stop.rs#StopContacts";
+        assert_eq!(missing(place, false), None);
         assert!(missing("hil-sim/tests/nothing.rs#parse", false).is_some());
     }
 }

@@ -12,7 +12,7 @@ use model_core::controller::Control;
 use model_core::device::{Command, Device, Pins};
 use model_core::io::Request;
 use model_core::settings::{Settings, SettingsValues};
-use model_core::signal::{AdcCount, DacCount, EncoderCount};
+use model_core::signal::{AdcCount, COUNT_MAX, DacCount, EncoderCount};
 use model_core::supervisor::{Fault, Mode};
 use model_core::timing::Timing;
 use model_core::voted::COPIES;
@@ -48,8 +48,8 @@ pub trait Unit {
     /// Misses a tick.
     fn skip(&mut self);
 
-    /// Flips a bit in a copy of the state.
-    fn flip(&mut self, bit: usize);
+    /// Flips a bit of the reference in a copy of the state.
+    fn flip(&mut self, copy: usize, bit: usize);
 }
 
 /// The device on this PC.
@@ -72,9 +72,9 @@ impl<C: Control> Unit for OnPc<C> {
 
     fn skip(&mut self) {}
 
-    fn flip(&mut self, bit: usize) {
+    fn flip(&mut self, copy: usize, bit: usize) {
         let state = &mut self.0.controller_mut().memory_mut().state;
-        flip_copy(state, bit % COPIES, |state| {
+        flip_copy(state, copy, |state| {
             let bits = state.pressure_ref_pa.to_bits() ^ 1 << (bit % 32);
             state.pressure_ref_pa = f32::from_bits(bits);
         });
@@ -87,6 +87,8 @@ pub struct Case {
     pub events: Vec<Event>,
     /// The rig has an enabling device, which the person lets go with everything else.
     pub enabling: bool,
+    /// Speed at which the reference moves a weight in balance, at most \[m/s\].
+    pub speed_m_per_s: f32,
     /// The rig has the valve in the muscle's port (docs/wiring.md).
     pub port: bool,
     /// A limb is in the way: above at this height \[m\], below at that.
@@ -120,6 +122,16 @@ impl Case {
     /// The case of this seed on the reference rig: one to four events.
     pub fn new(seed: u64) -> Case {
         Case::on(Rig::reference(), seed)
+    }
+
+    /// The case of this seed on the reference rig, with a reference that is slow enough for a foot:
+    /// a weight whose rest position begins to move reaches twice its speed, and 260 N are 0.27 m/s
+    /// of 12 kg on 75 N/mm.
+    pub fn slow(seed: u64) -> Case {
+        Case {
+            speed_m_per_s: 0.13,
+            ..Case::new(seed)
+        }
     }
 
     /// The case of this seed on a rig that it draws.
@@ -184,6 +196,7 @@ impl Case {
         Case {
             events,
             enabling: false,
+            speed_m_per_s: SettingsValues::reference().reference_speed_m_per_s_max,
             port: false,
             hand_m: None,
             foot_m: None,
@@ -334,6 +347,7 @@ impl Case {
             touched_s: 0.0,
             free_s: None,
             missed: 0,
+            read_back: AdcCount::default(),
             port_pulse: false,
             pulsed_s: 0.0,
             mode: Mode::SelfCheck,
@@ -356,6 +370,7 @@ impl Case {
     pub fn settings(&self) -> Settings {
         let board = SettingsValues {
             enabling_device: self.enabling.into(),
+            reference_speed_m_per_s_max: self.speed_m_per_s,
             ..SettingsValues::reference()
         };
         from_rig_and_board(&self.nominal, &board).expect("a rig that a board can run")
@@ -380,6 +395,8 @@ struct Running<'a, U> {
     /// Time for which the limb has been free since it was touched \[s\].
     free_s: Option<f64>,
     missed: u8,
+    /// The DAC's voltage since the last tick.
+    read_back: AdcCount,
     /// The last level for the valve in the port, and since when it is that.
     port_pulse: bool,
     pulsed_s: f64,
@@ -409,6 +426,7 @@ impl<U: Unit> Running<'_, U> {
                 (self.port_pulse, self.pulsed_s) = (tick.port_pulse, time_s);
             }
             let count = self.dac(time_s, tick.valve);
+            self.read_back = AdcCount(count.get());
             self.drive.reference.0 = f64::from(self.values.valve_drive.pressure(count).0);
         }
         for part in 1..=5 {
@@ -445,26 +463,38 @@ impl<U: Unit> Running<'_, U> {
         let mut flips = self
             .case
             .happens(time_s)
-            .filter_map(|(what, _)| match what {
-                What::Flip(bit) => Some(*bit),
+            .filter_map(|(what, _)| match *what {
+                What::Flip(bit) => Some((bit % COPIES..bit % COPIES + 1, bit, 0)),
+                What::FlipTwo(bit) => Some((0..2, bit, 0)),
+                What::FlipAll(bit) => Some((0..COPIES, bit, 1)),
                 _ => None,
             });
-        let Some(bit) = flips.next() else { return };
+        let Some((copies, bit, further)) = flips.next() else {
+            return;
+        };
         drop(flips);
         if !std::mem::replace(&mut self.flipped, true) {
-            self.unit.flip(bit);
+            for copy in copies {
+                self.unit.flip(copy, bit + further * copy);
+            }
         }
     }
 
     fn dac(&self, time_s: f64, count: DacCount) -> DacCount {
-        let stuck = self
-            .case
-            .happens(time_s)
-            .filter_map(|(what, _)| match what {
-                What::DacBit(bit) => Some(1 << bit),
-                _ => None,
-            });
-        DacCount::new(stuck.fold(count.get(), |count, bit: u16| count & !bit))
+        let count =
+            self.case
+                .happens(time_s)
+                .fold(
+                    f64::from(count.get()),
+                    |count, (what, since_s)| match *what {
+                        What::DacBit(bit) => f64::from(count as u16 & !(1 << bit)),
+                        What::DacDrift(share_per_s, most) => {
+                            count + f64::from(COUNT_MAX) * (share_per_s * since_s).min(most)
+                        }
+                        _ => count,
+                    },
+                );
+        DacCount::new(count as u16)
     }
 
     fn pins(&mut self, time_s: f64) -> Pins {
@@ -532,6 +562,7 @@ impl<U: Unit> Running<'_, U> {
             bridge: chosen.0,
             pressure: chosen.1,
             encoder: chosen.2,
+            read_back: self.read_back,
             // It is gripped after the self-check.
             enabling_closed: case.enabling && !is_let_go && time_s > 0.8,
             stop_open: [case.happens(time_s).any(|(what, _)| *what == What::Stops); 2],

@@ -22,6 +22,9 @@ pub enum What {
     Supply(f64, Option<f64>),
     /// This bit of the DAC is always 0.
     DacBit(u16),
+    /// The DAC's voltage drifts by this share of its scale a second, up to that. Scenarios have it,
+    /// random cases do not.
+    DacDrift(f64, f64),
     /// The gauge drifts at this rate \[N/s\] to this error \[N\].
     GaugeCreep(f64, f64),
     /// Amplitude \[N\] and frequency \[Hz\] of a ripple on the gauge.
@@ -44,8 +47,14 @@ pub enum What {
     TicksLeft(u32),
     /// So many ticks are missed in a row, at the beginning.
     TicksMissed(u32),
-    /// Bits flip in a copy of the state, at the beginning.
+    /// A bit of the reference flips in a copy of the state, at the beginning.
     Flip(usize),
+    /// This bit of the reference flips in two copies of the state. Scenarios have it, random cases
+    /// do not.
+    FlipTwo(usize),
+    /// Another bit of the reference flips in each copy of the state, this one in the first.
+    /// Scenarios have it, random cases do not.
+    FlipAll(usize),
     /// The person lets go of everything.
     LetsGo,
     /// Somebody presses the emergency stop. Scenarios have it, random cases do not.

@@ -87,6 +87,22 @@ fn other_rigs_stay_within_the_bounds_too() {
     assert!(violating.is_empty(), "seed, bounds, events: {violating:#?}");
 }
 
+/// With the reference at 0.13 m/s, which a rig whose weight may meet a foot sets, neither foot nor
+/// hand is met with more than it may be.
+#[test]
+fn a_slow_reference_keeps_the_transient_force_on_a_foot() {
+    let outcomes = run_all(Case::slow, count(), None, |_| true);
+    print(&outcomes);
+    let controlled = outcomes
+        .iter()
+        .filter(|(_, outcome)| !outcome.needs_hardware);
+    let violating: Vec<_> = controlled
+        .filter(|(case, outcome)| outcome.violations(case).contains(&"transient force"))
+        .map(|(case, outcome)| (case.seed, outcome.limb_n, &case.events))
+        .collect();
+    assert!(violating.is_empty(), "seed, force, events: {violating:#?}");
+}
+
 /// A lever that is shaken with the weight's own frequency drives the weight up to 0.72 m/s within
 /// half a period, unless the reference stops driving it on.
 #[test]

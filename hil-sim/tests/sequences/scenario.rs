@@ -34,10 +34,15 @@ fn of(name: &'static str, before: &'static str, events: Vec<(What, f64, f64)>) -
 }
 
 pub fn scenarios() -> Vec<Scenario> {
-    [air_and_load(), lever_and_valve(), limbs()]
-        .into_iter()
-        .flatten()
-        .collect()
+    [
+        air_and_load(),
+        lever_and_valve(),
+        ticks_and_memory(),
+        limbs(),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 fn air_and_load() -> Vec<Scenario> {
@@ -99,14 +104,6 @@ fn lever_and_valve() -> Vec<Scenario> {
             vec![(What::ValveAt(0.6), 2.5, 6.0)],
         ),
         of(
-            "every second tick missed, payload lost",
-            "no reason",
-            vec![
-                (What::TicksHalting(2), 2.4, 6.0),
-                (What::Exchanged(0.05), 2.5, 6.0),
-            ],
-        ),
-        of(
             "gauge creeps 3 N/s to 7 N, nobody there",
             "88 mm, no reason",
             alone(What::GaugeCreep(3.0, 7.0)),
@@ -120,6 +117,48 @@ fn lever_and_valve() -> Vec<Scenario> {
             "gauge 7 N off, nobody there",
             "–",
             alone(What::GaugeZero(7.0)),
+        ),
+    ]
+}
+
+fn ticks_and_memory() -> Vec<Scenario> {
+    let halting = |every, what| vec![(What::TicksHalting(every), 2.4, 9.8), what];
+    let lost = (What::Exchanged(0.05), 2.5, 6.0);
+    vec![
+        of(
+            "every second tick missed",
+            "no reason",
+            vec![(What::TicksHalting(2), 2.4, 9.8)],
+        ),
+        of(
+            "every second tick missed, payload lost",
+            "no reason",
+            halting(2, lost),
+        ),
+        of(
+            "every second tick missed, payload doubled",
+            "no reason",
+            halting(2, (What::Exchanged(2.0), 2.5, 6.0)),
+        ),
+        of(
+            "every second tick missed, a snag of 1 s",
+            "0.80 m/s",
+            halting(2, (What::Snag, 2.5, 3.5)),
+        ),
+        of(
+            "one of ten ticks missed, payload lost",
+            "a reason in 7 of 16",
+            halting(10, lost),
+        ),
+        of(
+            "a bit of the reference flips in two copies",
+            "1.76 m/s",
+            vec![(What::FlipTwo(28), 2.5, 3.0)],
+        ),
+        of(
+            "another bit of the reference flips in each copy",
+            "0.80 m/s",
+            vec![(What::FlipAll(20), 2.5, 3.0)],
         ),
     ]
 }
@@ -358,7 +397,7 @@ fn a_fast_weight() -> Vec<Needed> {
 /// Nothing was asked for. Of the reference muscle, the pressure watch finds a pressure before it
 /// lifts the weight; a muscle of twice the diameter lifts it with 51 kPa.
 fn at_rest() -> Vec<Needed> {
-    vec![Needed {
+    let of_valve = Needed {
         function: SafetyFunction::RestWatch,
         scenario: Scenario {
             port: true,
@@ -375,7 +414,27 @@ fn at_rest() -> Vec<Needed> {
         },
         enabling: true,
         bound: HEIGHT,
-    }]
+    };
+    // With less than what the pressure watch finds.
+    let of_dac = Needed {
+        function: SafetyFunction::ReadBack,
+        scenario: Scenario {
+            port: true,
+            rig: rig_of_muscle(1.5, 1.0),
+            ..of(
+                "the DAC drifts by 80 kPa, nobody there, a muscle of 1.5 times the area, with a \
+                 valve in the port",
+                "–",
+                vec![
+                    (What::LetsGo, 1.25, 9.8),
+                    (What::DacDrift(0.1, 0.16), 1.6, 9.8),
+                ],
+            )
+        },
+        enabling: false,
+        bound: HEIGHT,
+    };
+    vec![of_valve, of_dac]
 }
 
 pub fn of_scenario(

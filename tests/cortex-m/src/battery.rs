@@ -206,7 +206,8 @@ pub fn run_controllers(mut each: impl FnMut(&Output)) {
         let mut controller = Controller::new(any_settings(&mut Random::new(run)));
         let mut readings = Readings::new(run);
         for _ in 0..RUN_TICKS {
-            each(&controller.tick(&readings.next()));
+            let sensors = readings.next(controller.state().valve);
+            each(&controller.tick(&sensors));
         }
     }
 }
@@ -258,8 +259,8 @@ impl Readings {
         }
     }
 
-    /// The readings of the next tick.
-    pub fn next(&mut self) -> Sensors {
+    /// The readings of the next tick, before which the valve was set to this.
+    pub fn next(&mut self, valve: DacCount) -> Sensors {
         let tick = self.tick % 1_000;
         self.tick += 1;
         let lift = match tick {
@@ -279,11 +280,12 @@ impl Readings {
             bridge: AdcCount((2_048 + 2 * lift + random.below(4)) as u16),
             pressure: AdcCount((409 + 5 * lift + random.below(4)) as u16),
             encoder: EncoderCount(12 * lift),
+            read_back: AdcCount(valve.get()),
             missed_ticks: 0,
             request,
         };
         if random.below(400) == 0 {
-            self.fault = (random.below(5), random.next(), random.below(10));
+            self.fault = (random.below(6), random.next(), random.below(10));
         }
         let (input, value, ticks) = &mut self.fault;
         if *ticks > 0 {
@@ -293,6 +295,7 @@ impl Readings {
                 1 => sensors.pressure = AdcCount(*value as u16 % 4096),
                 2 => sensors.encoder = EncoderCount(*value),
                 3 => sensors.missed_ticks = (*value % 4) as u8,
+                4 => sensors.read_back = AdcCount(*value as u16 % 4096),
                 _ => sensors.request = Request::Hold,
             }
         }

@@ -77,7 +77,7 @@ fn count_instructions(mut timer: SYST) {
     let mut readings = battery::Readings::new(1);
     let (mut sum, mut longest) = (0, 0);
     for _ in 0..COUNTED_TICKS {
-        let sensors = readings.next();
+        let sensors = readings.next(controller.state().valve);
         let begin = SYST::get_current();
         core::hint::black_box(controller.tick(core::hint::black_box(&sensors)));
         let counts = begin.wrapping_sub(SYST::get_current()) & 0x00FF_FFFF;

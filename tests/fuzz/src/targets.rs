@@ -113,6 +113,7 @@ pub fn link(mut bytes: &[u8]) {
                 bridge: AdcCount((at >> 8) as u16 & 0xFFF),
                 pressure: AdcCount((at >> 20) as u16),
                 encoder: EncoderCount(word(&mut bytes)),
+                read_back: pins.read_back,
                 button_pressed: at & 0x80 != 0,
                 stop_open: [at & 0x40 != 0, at & 0x20 != 0],
                 enabling_closed: at & 0x10 != 0,
@@ -123,6 +124,7 @@ pub fn link(mut bytes: &[u8]) {
             let told = device.tick(&pins, Timing::default(), &mut commands);
             let same = quiet.tick(&pins, Timing::default(), core::iter::empty());
             assert!(heard || told == same, "{told:?}");
+            pins.read_back = AdcCount(told.valve.get());
             within_settings(&told);
         }
     }

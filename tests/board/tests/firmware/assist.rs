@@ -60,7 +60,14 @@ impl BoardInTheLoop {
     /// One tick of the board, which must have read `sensors`.
     pub fn tick(&mut self, sensors: &Sensors) -> Output {
         let telemetry = self.telemetry(sensors);
-        assert_eq!(telemetry.sensors, *sensors, "tick {}", telemetry.tick);
+        // An MCP4922 has 4096 steps to its full scale, of which the converter reads 4095.
+        let read_back = telemetry.sensors.read_back;
+        assert!(read_back.0.abs_diff(sensors.read_back.0) <= 1);
+        let expected = Sensors {
+            read_back,
+            ..*sensors
+        };
+        assert_eq!(telemetry.sensors, expected, "tick {}", telemetry.tick);
         let valve_volts = f64::from(telemetry.output.valve.get()) * 3.3 / f64::from(COUNT_MAX);
         // An MCP4922 has 4096 steps to its full scale, the DAC 4095.
         let off_volts = (self.rig.board.dac_volts(1) - valve_volts).abs();
@@ -104,9 +111,11 @@ fn hundred_thousand_ticks_on_the_board_equal_those_on_the_pc() {
     let settings = Settings::new(SettingsValues::reference()).expect("the reference is valid");
     let mut controller = Controller::new(settings);
     let mut modes = BTreeSet::new();
+    let mut before = Output::default();
     for tick in 0..100_000 {
-        let sensors = wander(tick);
+        let sensors = wander(tick, &before);
         let (on_pc, on_board) = (controller.tick(&sensors), board.tick(&sensors));
+        before = on_pc;
         assert_eq!(bits(&on_pc), bits(&on_board), "tick {tick}: {sensors:?}");
         modes.insert(format!("{:?} {:?}", on_pc.mode, on_pc.fault));
     }
@@ -128,8 +137,9 @@ fn hundred_thousand_ticks_on_the_board_equal_those_on_the_pc() {
 fn valve_voltage_changes_within_one_percent_of_the_tick_period() {
     let mut board = BoardInTheLoop::new();
     let first_ns = board.telemetry_ns;
+    let mut before = Output::default();
     for tick in 0..1_000 {
-        board.tick(&wander(tick));
+        before = board.tick(&wander(tick, &before));
     }
     let events = board.rig.board.dac_events();
     // All changes by ticks have the same phase in the period. Before them the self-test changes the

@@ -21,8 +21,8 @@ const FLASH_ACR: u32 = 0x4002_3c00;
 /// and 17 words, each way.
 const EXCEPTION_CYCLES: u64 = 2 * (12 + 17);
 /// What the DMA keeps the core from: three cycles for each of its transfers within a scan's period:
-/// three conversions, and the bytes of the link, 93 a millisecond each way.
-const DMA_CYCLES: u64 = 3 * (3 + 2 * 93);
+/// four conversions, and the bytes of the link, 93 a millisecond each way.
+const DMA_CYCLES: u64 = 3 * (4 + 2 * 93);
 /// Pattern with which cortex-m-rt fills the stack.
 const PAINT: [u8; 4] = [0xCC; 4];
 

@@ -4,7 +4,7 @@
 //! by stopping the core. If a case lets the program hang, the reset is triggered at the time that
 //! the case states; crash.rs tests the watchdog itself.
 
-use crate::rig::{ENABLING, MS, PORT, Rig, STOP, TICK_NS};
+use crate::rig::{ENABLING, MS, PORT, Rig, STOP, TICK_NS, volts};
 use hil_sim::faults::Case;
 use hil_sim::faults::campaign::run_case;
 use hil_sim::faults::kind::{Inject, KINDS, Memory};
@@ -14,7 +14,7 @@ use hil_sim::faults::unit::{DeviceOutput, Unit};
 use model_core::device::{Device, Pins};
 use model_core::io::Output;
 use model_core::link::Telemetry;
-use model_core::signal::{COUNT_MAX, DacCount};
+use model_core::signal::{AdcCount, COUNT_MAX, DacCount};
 use std::collections::BTreeMap;
 
 /// Count of cases; the environment variable FAULT_CASES overrides it.
@@ -42,6 +42,8 @@ pub struct OnBoard {
     tick_ns: u64,
     held: bool,
     output: Output,
+    /// The valve's voltage after the last tick.
+    valve: DacCount,
 }
 
 impl OnBoard {
@@ -59,6 +61,7 @@ impl OnBoard {
             tick_ns: first_tick_ns.saturating_sub(CONVERTED_NS),
             held: false,
             output: Output::default(),
+            valve: DacCount::default(),
         }
     }
 
@@ -83,6 +86,9 @@ impl Unit for OnBoard {
         self.rig
             .set_analog_since_tick([pins.bridge.0, pins.pressure.0]);
         let board = &mut self.rig.board;
+        // A DAC that is wrong: its output is what the case says.
+        let is_wrong = pins.read_back != AdcCount(self.valve.get());
+        board.load_valve(is_wrong.then(|| volts(pins.read_back.0)));
         board.set_encoder(i64::from(pins.encoder.0 as i32));
         for (contact, open) in STOP.into_iter().zip(pins.stop_open) {
             board.set_level(contact, (!open).then_some(true));
@@ -107,8 +113,9 @@ impl Unit for OnBoard {
             self.output = telemetry.output;
         }
         let scale = self.rig.board.dac_volts(1) / 3.3;
+        self.valve = DacCount::new((scale * f64::from(COUNT_MAX)).round() as u16);
         DeviceOutput {
-            valve: DacCount::new((scale * f64::from(COUNT_MAX)).round() as u16),
+            valve: self.valve,
             output: self.output,
             port_pulse: self.rig.board.level(PORT) == Some(true),
         }
@@ -117,7 +124,8 @@ impl Unit for OnBoard {
     fn restart(&mut self) {
         self.rig.board.reset_pin();
         self.tick_ns = self.rig.board.time_ns();
-        self.output = Output::default();
+        (self.output, self.valve) = Default::default();
+        self.rig.board.load_valve(None);
     }
 
     /// Flips any bit of the device, also outside the redundant copies.

@@ -34,6 +34,7 @@ fn hardware_in_the_loop_reads_sensors_from_the_link_and_ends_after_a_timeout() {
             bridge: AdcCount(2000 + sequence as u16 % 7),
             pressure: AdcCount(400 + sequence as u16 % 5),
             encoder: EncoderCount(sequence),
+            read_back: AdcCount(0),
             missed_ticks: 0,
             request: Request::None,
         };

@@ -2,6 +2,7 @@
 
 use crate::faults::DEVICE;
 use crate::rig::{ENABLING, LAMP, MS, PORT, Rig, STOP, TICK_NS};
+use emulated_board::Imperfection;
 use model_core::device::{Command, Device};
 use model_core::io::{Request, Sensors};
 use model_core::lamp;
@@ -167,4 +168,55 @@ fn memory_that_is_overwritten_lets_the_weight_down() {
     }
     assert_eq!(rig.last_telemetry().output.mode, Mode::Venting);
     rig.assert_no_errors();
+}
+
+/// Another voltage than the one that was set: in the third tick the weight is let down along the
+/// ramp, and the port closes.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn voltage_of_the_valve_that_was_not_set_lets_the_weight_down() {
+    for off_volts in [-0.1, 0.1] {
+        let mut rig = assisting();
+        rig.run_ms(700);
+        let set_volts = rig.board.dac_volts(1);
+        assert!(set_volts > 0.4, "{set_volts} V");
+        rig.next_tick_ns();
+        rig.run_ms(3);
+        rig.telemetry();
+        rig.board.load_valve(Some(set_volts + off_volts));
+        rig.run_ms(50);
+        let faults: Vec<_> = rig.telemetry().iter().map(|t| t.output.fault).collect();
+        let latched = Some(Fault::ValveVoltage);
+        assert_eq!(faults[..3], [None, None, latched], "{off_volts} V");
+        // 200 kPa/s are 13 mV in a tick.
+        let volts = rig.board.dac_volts(1);
+        assert!((set_volts - 0.1..set_volts).contains(&volts), "{volts} V");
+        assert_eq!(rig.last_telemetry().output.mode, Mode::Venting);
+        assert_eq!(edges(&mut rig, 100), 0);
+        rig.assert_no_errors();
+    }
+}
+
+/// What converters, the resistor at the amplifier and the supply do to it is none of that.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn voltage_of_the_valve_may_be_off_as_its_converters_are() {
+    for (offset_counts, share, vref_volts) in [(10.0, 1.0, 3.1), (-10.0, 0.97, 3.3)] {
+        let mut rig = Rig::new();
+        rig.board.set_converter(Imperfection {
+            offset_counts,
+            noise_counts: 5.0,
+            vref_volts,
+        });
+        rig.run_ms(1_000);
+        rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+        rig.run_ms(1_000);
+        let set_volts = rig.board.dac_volts(1);
+        assert!(set_volts > 0.4, "{set_volts} V");
+        rig.board.load_valve(Some(share * set_volts));
+        rig.run_ms(1_000);
+        let output = rig.last_telemetry().output;
+        assert_eq!((output.mode, output.fault), (Mode::Assisting, None));
+        rig.assert_no_errors();
+    }
 }

@@ -163,7 +163,7 @@ impl Rig {
     /// Sets the voltages of bridge and pressure sensor since the last tick. The conversions of this
     /// period that have already been made are replaced, as if the voltages had changed right after
     /// that tick: the plant answers a tick whose output is read some milliseconds later.
-    pub fn set_analog_since_tick(&mut self, counts: [u16; INPUTS - 1]) {
+    pub fn set_analog_since_tick(&mut self, counts: [u16; INPUTS - 2]) {
         self.board.set_analog(BRIDGE, volts(counts[0]));
         self.board.set_analog(PRESSURE, volts(counts[1]));
         let conversions = self.board.symbol_with("CONVERSIONS");

@@ -44,7 +44,7 @@ impl Unit for OnBoard {
     }
 
     /// The campaign flips bits of the board.
-    fn flip(&mut self, _: usize) {}
+    fn flip(&mut self, _: usize, _: usize) {}
 }
 
 /// What must be the same on board and PC: the reason, and the bounds that are violated.

@@ -43,6 +43,7 @@ fn pins(sensors: &Sensors) -> Pins {
         bridge: sensors.bridge,
         pressure: sensors.pressure,
         encoder: sensors.encoder,
+        read_back: sensors.read_back,
         button_pressed: false,
         stop_open: [false; 2],
         enabling_closed: false,
