@@ -511,13 +511,6 @@ impl<M: Model> Engine<'_, M> {
             .map(|own| self.law(blocks, &hypothesis, *own, &about))
             .collect::<Option<_>>()?;
         let priors = self.priors(free.len(), &found.x, candidates, &laws);
-        let mut along = Vec::new();
-        let mut first = found.x.len();
-        for law in &laws {
-            let own = law.along.iter().enumerate();
-            along.extend(own.map(|(place, along)| (law.candidate, first + place, *along)));
-            first += law.shapes.len();
-        }
         let mut linear = Vec::new();
         let mut shown = Vec::new();
         let mut excess = Vec::new();
@@ -568,7 +561,7 @@ impl<M: Model> Engine<'_, M> {
             hypothesis,
             shown,
             excess,
-            along,
+            along: places_along(found.x.len(), &laws),
         })
     }
 
@@ -781,6 +774,18 @@ impl Rows {
             row = end;
         }
     }
+}
+
+/// What the weights of `laws` along a quantity belong to, of which the first follows `values`.
+fn places_along(values: usize, laws: &[Law]) -> Vec<(usize, usize, Along)> {
+    let mut along = Vec::new();
+    let mut first = values;
+    for law in laws {
+        let own = law.along.iter().enumerate();
+        along.extend(own.map(|(place, along)| (law.candidate, first + place, *along)));
+        first += law.shapes.len();
+    }
+    along
 }
 
 /// Whether the residuals of a block, the last row of `values`, are less than they were without an

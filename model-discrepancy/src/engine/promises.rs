@@ -52,21 +52,9 @@ impl<M: Model> Engine<'_, M> {
                 bases.insert(place, self.bases(base, place)?);
             }
         }
-        let beside = |own: &Base, c: usize, start: &[f64]| {
-            let values = all[c].parameters.iter().zip(start);
-            let mut with = base.fit.effects.clone();
-            with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
-            let with = (&own.nominal[..], &with[..]);
-            let moves = |block| all[c].blocks.contains(&block);
-            let problem = self.problem(&places[c].0, &[], &[]);
-            let change = problem.change(&own.about, &moves, with)?;
-            let with = own.slopes.beside(&change);
-            let (least, step) = linearized_least(&own.residuals, &with, &own.priors);
-            Some((own.least - least, step[step.len() - 1]))
-        };
         let promise = |c: usize, start: &[f64]| {
             let of_bases = bases[&places[c]].iter();
-            let mut promised = of_bases.filter_map(|own| beside(own, c, start));
+            let mut promised = of_bases.filter_map(|own| self.beside(own, base, (c, start)));
             if !places[c].1.is_empty() || all[c].has_two_signs() {
                 return promised.next().map(|(promise, _)| promise);
             }
@@ -119,6 +107,27 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
+    }
+
+    /// What a candidate promises, and by which share of its start, on the blocks of a base of
+    /// `hypothesis`.
+    fn beside(
+        &self,
+        base: &Base,
+        hypothesis: &Hypothesis,
+        (c, start): (usize, &[f64]),
+    ) -> Option<(f64, f64)> {
+        let candidate = &self.model.candidates()[c];
+        let values = candidate.parameters.iter().zip(start);
+        let mut with = hypothesis.fit.effects.clone();
+        with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
+        let with = (&base.nominal[..], &with[..]);
+        let moves = |block| candidate.blocks.contains(&block);
+        let problem = self.problem(&[], &[], &[]);
+        let change = problem.change(&base.about, &moves, with)?;
+        let with = base.slopes.beside(&change);
+        let (least, step) = linearized_least(&base.residuals, &with, &base.priors);
+        Some((base.least - least, step[step.len() - 1]))
     }
 
     /// All records, with what they have of their own as expected.
@@ -196,8 +205,8 @@ impl<M: Model> Engine<'_, M> {
     }
 }
 
-/// The least cost of residuals that change in proportion to coordinates, and where it is. What dead zones hide of
-/// the noise is added to it: a wider one promises nothing by that alone.
+/// The least cost of residuals that change in proportion to coordinates, and where it is. What dead
+/// zones hide of the noise is added to it: a wider one promises nothing by that alone.
 fn linearized_least(
     residuals: &Residuals,
     slopes: &Slopes,

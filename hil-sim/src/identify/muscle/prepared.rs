@@ -381,23 +381,26 @@ impl Prepared {
         };
         let landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
         prepared.skip_gas(time_s, &landings_s, -0.02..LANDING_S);
-        // Surely one way only where all of the neighbourhood goes that way.
-        let surely: Vec<f64> = (0..time_s.len())
-            .map(|row| {
-                // Between two samples it may have turned.
-                let from = time_s.partition_point(|t| *t < time_s[row] - TURN_S);
-                let from = from.min(row.saturating_sub(1));
-                let to = time_s.partition_point(|t| *t <= time_s[row] + TURN_S);
-                let to = to.max(row + 2).min(time_s.len());
-                let own = prepared.directions[row];
-                let agree = prepared.directions[from..to].iter().all(|d| *d == own);
-                if agree { own } else { 0.0 }
-            })
-            .collect();
-        prepared.directions = surely;
+        prepared.directions = prepared.sure_directions();
         prepared.places(rig, &weight);
         prepared.stops(rig, &weight);
         Ok(prepared)
+    }
+
+    /// The directions of rows all of whose neighbourhood goes one way, else 0.
+    fn sure_directions(&self) -> Vec<f64> {
+        let time_s = self.measured.time_s();
+        let sure = |row: usize| {
+            // Between two samples it may have turned.
+            let from = time_s.partition_point(|t| *t < time_s[row] - TURN_S);
+            let from = from.min(row.saturating_sub(1));
+            let to = time_s.partition_point(|t| *t <= time_s[row] + TURN_S);
+            let to = to.max(row + 2).min(time_s.len());
+            let own = self.directions[row];
+            let agree = self.directions[from..to].iter().all(|d| *d == own);
+            if agree { own } else { 0.0 }
+        };
+        (0..time_s.len()).map(sure).collect()
     }
 
     /// Has the gas not compared within `span_s` about some times.
