@@ -14,22 +14,28 @@ Needs what calibration.py needs, and scikit-learn.
 
 import warnings
 from dataclasses import dataclass
+from itertools import accumulate
 
 import hil_sim
 import numpy as np
 import pandas as pd
 import peer
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
 
 FILE = "discrepancy.npz"
 # Points on which the kernel's length scales are found, and those on which the process is conditioned.
-TUNING = 400
+TUNING = 250
 CONDITIONING = 1200
 # Time constants of what the inputs remember [s], and the reference's lag.
 MEMORY_S = (0.05, 0.3, 2.0, 15.0)
 # Signals are smoothed over this time before their rate is taken.
 RATE_S = 0.05
+
+
+def smoothed(values, width):
+    """Means over about `width` rows; the ends are held."""
+    half = width // 2
+    padded = np.pad(values, half, mode="edge")
+    return np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")
 
 
 def inputs(drive, simulated):
@@ -39,13 +45,13 @@ def inputs(drive, simulated):
     width = max(1, round(RATE_S / period))
     reference = drive["pressure_ref_pa"].to_numpy()
     pressure, contraction = (simulated[name].to_numpy() for name in ("pressure_pa", "contraction"))
-    rates = [np.gradient(uniform_filter1d(own, width), time) for own in (pressure, contraction)]
+    rates = [np.gradient(smoothed(own, width), time) for own in (pressure, contraction)]
     columns = [reference - pressure, pressure, contraction, *rates]
     for tau in MEMORY_S:
         share = -np.expm1(-period / tau)
         for own in (reference, contraction):
-            start = [(1 - share) * own[0]]
-            columns.append(own - lfilter([share], [1, share - 1], own, zi=start)[0])
+            memory = accumulate(own.tolist(), lambda before, now, share=share: before + share * (now - before))
+            columns.append(own - np.fromiter(memory, float))
     return np.column_stack(columns)
 
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import hil_sim
 import numpy as np
 import pandas as pd
-from scipy.optimize import least_squares
 
 SIGNALS = ["pressure_pa", "contraction", "force_n"]
 # Simulations are compared ten times a second: the misfit is not white, and says no more in between.
@@ -151,6 +150,9 @@ def calibrated(case, effects=(), evaluations=12):
     The prediction-error method (Ljung 1999) with the tolerances as priors. Returns the text, the effects and
     the deviations of the rig's values in units of their tolerance.
     """
+    # Here, because a method's `simulate` does without it.
+    from scipy.optimize import least_squares
+
     unknowns = Unknowns(case.text, effects)
     records = [thinned(record) for record in case.fit]
     steps = [max(1, round(STEP_S / np.median(np.diff(record["time_s"])))) for record in records]
