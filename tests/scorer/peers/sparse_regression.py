@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Sparse regression of the residual, as a method that `score` measures: SINDy (Brunton et al. 2016).
 
-It calibrates the rig, and regresses what is left of the balances of gas, force and load, in weak form
+If calibration leaves a gap, it regresses the residuals of the balances of gas, force and load, in weak form
 (`balances.py`), on a library of terms, each of which stands for an effect of the catalogue (`terms.py`):
-calibration's values are regressors with priors; for each effect one point of its grid is taken by orthogonal
+the rig's values are regressors with priors; for each effect one point of its grid is taken by orthogonal
 least squares, and sequentially thresholded least squares (PySINDy's STLSQ) drops the terms that explain too
 little. Probabilities are inclusion frequencies among bootstraps of blocks of time (ensemble SINDy, Fasel et
 al. 2022). The named effects are refined, with the rig's values, by free runs.
