@@ -27,6 +27,12 @@
 //! cargo run --release -p scorer -- without --count 3
 //! ```
 //!
+//! Methods that were run on the same cases are compared in a Markdown table, a row for each:
+//!
+//! ```text
+//! cargo run --release -p scorer -- compare out/calibration out/mine
+//! ```
+//!
 //! # Scoring
 //!
 //! A case counts if each hidden effect changes a signal of the held-out records by at least three
@@ -55,6 +61,7 @@
 
 pub mod answer;
 pub mod child;
+pub mod compare;
 pub mod diagnosis;
 pub mod figures;
 pub mod gap;

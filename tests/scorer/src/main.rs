@@ -8,6 +8,7 @@ use hil_sim::bench::test_signal::Part;
 use hil_sim::output::write_atomically;
 use hil_sim::report::Report;
 use scorer::answer::Kind;
+use scorer::compare::{Method, markdown};
 use scorer::figures::Score;
 use scorer::report::{Origin, full, summary};
 use scorer::run::{Collected, Error, Selection, Tool, collect_all, program_crc32, run};
@@ -40,6 +41,7 @@ Examples:
   score run --effect leak --count 9 -- --threads 1
   score run --diagnose ./my-method --simulate target/release/hil-sim --count 20
   score report                                   the cases already run, scored again
+  score compare out/calibration out/mine         a table of methods, as Markdown
   score shuffled                                 what chance would reach
   score without leak creep --count 3             effects taken out of the catalogue
   score without leak --experiment shut-holds     the same, after the experiment that is advised";
@@ -50,6 +52,8 @@ enum Command {
     Run(RunArgs),
     /// Score what has been run, without running anything
     Report(ReportArgs),
+    /// Print a Markdown table of methods that were run on the same cases
+    Compare(CompareArgs),
     /// Ablation: answers permuted among the cases that have been run
     Shuffled(ShuffledArgs),
     /// Ablation: the tool without an effect, on that effect's own cases
@@ -146,6 +150,13 @@ struct ReportArgs {
     /// Exit with status 1 if a figure is not reached
     #[arg(long)]
     check: bool,
+}
+
+#[derive(Args)]
+struct CompareArgs {
+    /// Folders of the methods' cases, each with its method's name
+    #[arg(required = true, value_name = "DIR")]
+    folders: Vec<PathBuf>,
 }
 
 #[derive(Args)]
@@ -266,6 +277,17 @@ fn report(args: &ReportArgs) -> Result<bool, Error> {
     Ok(score(&cases, &args.out, String::new(), Vec::new())? || !args.check)
 }
 
+fn compare(args: &CompareArgs) -> Result<bool, Error> {
+    let method = |folder: &PathBuf| {
+        let name = folder.file_name().unwrap_or(folder.as_os_str());
+        let cases = collect_all(folder)?;
+        Ok(Method::new(name.to_string_lossy().into_owned(), &cases))
+    };
+    let methods: Result<Vec<Method>, Error> = args.folders.iter().map(method).collect();
+    print!("{}", markdown(&methods?)?);
+    Ok(true)
+}
+
 fn shuffle(args: &ShuffledArgs) -> Result<bool, Error> {
     eprintln!("seed {}", args.seed);
     let cases = collect_all(&args.out)?;
@@ -300,6 +322,7 @@ fn main() -> ExitCode {
     let done = match Cli::parse().command {
         Command::Run(args) => run_and_score(&args),
         Command::Report(args) => report(&args),
+        Command::Compare(args) => compare(&args),
         Command::Shuffled(args) => shuffle(&args),
         Command::Without(args) => take_out(&args),
     };

@@ -31,7 +31,8 @@ fn interval(ci95: Option<[f64; 2]>) -> String {
     })
 }
 
-fn rate(rate: Rate) -> String {
+/// A share with its interval, in percent.
+pub(crate) fn rate(rate: Rate) -> String {
     let of = |value| {
         let share = percent(value);
         format!(
@@ -44,7 +45,8 @@ fn rate(rate: Rate) -> String {
     rate.value.map_or_else(String::new, of)
 }
 
-fn median(median: Median) -> String {
+/// A median with its interval, in percent.
+pub(crate) fn median(median: Median) -> String {
     let of = |value| format!("{} %{}", percent(value), interval(median.ci95));
     median.value.map_or_else(String::new, of)
 }

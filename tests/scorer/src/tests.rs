@@ -2,6 +2,7 @@
 
 use crate::answer::{Answer, Hidden, Kind};
 use crate::child::Ended;
+use crate::compare::{Method, markdown};
 use crate::diagnosis::Diagnosis;
 use crate::figures::{REACH, Score};
 use crate::gap::{BySignal, Gaps};
@@ -561,4 +562,54 @@ fn without_its_effect_in_the_catalogue_a_case_must_be_unexplained() {
         "{text}"
     );
     assert!(text.contains("s1-00007: creep"), "{text}");
+}
+
+/// A method that gives `named` as what is hidden in two cases, a leak and nothing.
+fn method(name: &str, named: &[&str]) -> Method {
+    let case = |kind, hidden: &[&str], index: u64| {
+        let verdict = if named.is_empty() {
+            "consistent"
+        } else {
+            "explained"
+        };
+        let mut case = collected(answer(kind, hidden, 10.0), Ok(diagnosis(verdict, named)));
+        case.answer.id = format!("s1-{index:05}");
+        case
+    };
+    let cases = [case(Kind::Single, &["leak"], 7), case(Kind::None, &[], 8)];
+    Method::new(name.into(), &cases)
+}
+
+#[test]
+fn methods_are_compared_on_the_same_cases() {
+    let (mine, yours) = (method("mine", &["leak"]), method("yours", &[]));
+    let table = markdown(&[mine, yours]).expect("a table");
+    let rows: Vec<Vec<&str>> = table
+        .lines()
+        .map(|row| row.trim_matches('|').split('|').map(str::trim).collect())
+        .collect();
+    assert!(rows.len() == 4 && rows.iter().all(|row| row.len() == rows[0].len()));
+    let cell = |row: usize, column: &str| {
+        let place = rows[0].iter().position(|name| *name == column);
+        rows[row][place.expect("a column")]
+    };
+    assert_eq!(cell(2, "method"), "mine");
+    assert_eq!(cell(2, "one, exactly named"), "1/1 = 100 % (21–100)");
+    assert_eq!(cell(3, "one, exactly named"), "0/1 = 0 % (0–79)");
+    assert_eq!(cell(2, "false alarms"), "1/1 = 100 % (21–100)");
+    assert_eq!(cell(3, "false alarms"), "0/1 = 0 % (0–79)");
+    assert_eq!(cell(2, "two"), "");
+    let sure = "right names of those given with 0.9 to 1";
+    assert_eq!(cell(2, sure), "no probabilities");
+    assert_eq!(cell(2, "processor time [s], median, largest"), "3.0, 3.0");
+    assert_eq!(cell(2, "memory [MB], largest"), "50");
+}
+
+#[test]
+fn methods_with_other_cases_are_not_compared() {
+    let (mine, mut yours) = (method("mine", &[]), method("yours", &[]));
+    yours.score.cases.pop();
+    let error = markdown(&[mine, yours]).expect_err("one case is missing");
+    let expected = "mine was run on case s1-00008, yours was not: run both on it";
+    assert_eq!(error.to_string(), expected);
 }

@@ -130,6 +130,13 @@ fn a_run_is_scored_continued_and_repeated() {
             .map(Vec::len),
         Some(5)
     );
+    let mut compare = Command::new(env!("CARGO_BIN_EXE_score"));
+    let compare = compare.arg("compare").arg(bench.path("out")).output();
+    let table = String::from_utf8(compare.expect("it runs").stdout).expect("text");
+    assert!(
+        table.contains("| out |") && table.contains("| 3/5 = 60 %"),
+        "{table}"
+    );
     let shuffled = bench.score(&["shuffled", "--permutations", "20"]);
     assert!(shuffled.status.success(), "{shuffled:?}");
     assert!(bench.path("out/shuffled.html").is_file());
