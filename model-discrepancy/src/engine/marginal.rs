@@ -674,11 +674,19 @@ impl<M: Model> Engine<'_, M> {
         })
     }
 
-    /// The same effect in its other forms.
+    /// The same effect in its other forms that have a size of the same name: without one nothing
+    /// says how large it would be.
     fn other_forms(&self, (number, values): (usize, &[f64])) -> Vec<Active> {
         let all = self.model.candidates();
         let forms = (0..all.len()).filter(|form| all[*form].effect == all[number].effect);
-        let others = forms.filter(|form| *form != number).map(|form| {
+        let has = |form: usize, name| all[form].parameters.iter().any(|own| own.name == name);
+        let is_sized = |form: &usize| {
+            let sizes = all[number].parameters.iter();
+            let mut sizes = sizes.filter(|own| own.neutral.is_some());
+            sizes.any(|size| has(*form, size.name))
+        };
+        let forms = forms.filter(|form| *form != number && is_sized(form));
+        let others = forms.map(|form| {
             let coordinates = self.in_form((number, values), form);
             let parameters = all[form].parameters.iter().zip(coordinates);
             (form, parameters.map(|(own, x)| own.value(x)).collect())
