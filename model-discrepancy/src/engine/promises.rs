@@ -59,15 +59,14 @@ impl<M: Model> Engine<'_, M> {
                 return promised.next().map(|(promise, _)| promise);
             }
             // The problem is convex: what gains by less of it than none gains nothing by any.
-            let gains = promised.map(|(promise, share)| if share < 0.0 { 0.0 } else { promise });
-            let mut known = None;
-            for gain in gains {
-                known = Some(gain);
-                if gain > 0.0 {
-                    break;
-                }
-            }
-            known
+            let mut gains =
+                promised.map(|(promise, share)| if share < 0.0 { 0.0 } else { promise });
+            let first = gains.next()?;
+            Some(if first > 0.0 {
+                first
+            } else {
+                gains.fold(first, f64::max)
+            })
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |c: usize, start: &[f64]| {
