@@ -24,6 +24,8 @@ use std::ops::ControlFlow;
 const LOOK_S: f64 = 1.0;
 /// Time over which the contraction of a weight at rest shows no trend \[s\].
 const REST_S: f64 = 0.1;
+/// No muscle contracts by its whole length in that time \[1/s\].
+const RATE_PER_S_MAX: f64 = 1.0 / REST_S;
 /// Time over which the simulation is fitted \[s\]: several time constants of the heat exchange
 /// between gas and wall.
 const FIT_S: f64 = 0.5;
@@ -351,11 +353,15 @@ impl Problem for Fit<'_> {
         priors
     }
 
-    /// Keeps the contraction at or above the weight's stop at 0, and the temperature above that at
-    /// which air condenses.
+    /// Keeps the contraction at or above the weight's stop at 0, its rate within what a muscle
+    /// does, beyond which the simulation has no end, and the temperature above that at which air
+    /// condenses.
     fn bounded(&self, mut x: DVector<f64>) -> DVector<f64> {
         if self.moving {
             x[0] = x[0].max(-self.start.contraction / Self::UNITS[0]);
+            let [least, most] = [-RATE_PER_S_MAX, RATE_PER_S_MAX]
+                .map(|rate| (rate - self.start.contraction_rate_per_s) / Self::UNITS[1]);
+            x[1] = x[1].clamp(least.min(0.0), most.max(0.0));
         }
         if let (true, Some(deviation)) = (self.temperature, x.as_mut_slice().last_mut()) {
             let least_k = TEMPERATURE_K_MIN - self.start.temperature_k;
@@ -388,6 +394,34 @@ mod tests {
         record.set(record::PRESSURE_PA, pressure_pa);
         record.set(record::CONTRACTION, contraction);
         record
+    }
+
+    /// A weight that noise lets begin in motion, and pressures that no valve makes: whatever rate a
+    /// step asks for, one is tried that a muscle may have. Beyond, a run took minutes.
+    #[test]
+    fn no_rate_is_tried_that_no_muscle_has() {
+        let rig = Rig::reference();
+        let start = Initial {
+            time_s: 0.0,
+            contraction: 0.0,
+            contraction_rate_per_s: 0.03,
+            pressure: GaugePa(2.0e5),
+            temperature_k: 298.0,
+        };
+        let record = record(&rig, &start);
+        let inputs = Inputs::new(&rig, &record).expect("the inputs of the rig");
+        let measured = [record::CONTRACTION, record::PRESSURE_PA];
+        let measured = measured.map(|name| Samples::of(&record, name));
+        let fit = Fit::new(&rig, &inputs, start, measured, true, false);
+        for asked in [-1e9, 1e9] {
+            let mut x = DVector::zeros(fit.units().len());
+            x[1] = asked;
+            let rate_per_s = fit.initial(&fit.bounded(x)).contraction_rate_per_s;
+            assert!(
+                (rate_per_s.abs() - RATE_PER_S_MAX).abs() < 1e-9,
+                "{rate_per_s}"
+            );
+        }
     }
 
     #[test]

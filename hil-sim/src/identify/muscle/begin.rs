@@ -29,9 +29,9 @@ const KNOWN: f64 = 0.5;
 const NARROW: f64 = 1e-3;
 /// Step of the difference quotient by a share.
 const SHARE_STEP: f64 = 0.01;
-/// Unknowns of a record at most: the zeros of three sensors, states of a creep and a run-in, and
-/// the memory of a hysteresis.
-pub(super) const UNKNOWNS: usize = 9;
+/// Unknowns of a record at most: the zeros of three sensors, the pressure between rows, states of a
+/// creep and a run-in, and the memory of a hysteresis.
+pub(super) const UNKNOWNS: usize = 10;
 
 /// Where the memory of a record begins.
 pub(super) struct Begin {

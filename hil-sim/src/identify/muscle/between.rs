@@ -190,17 +190,21 @@ fn mean(parts: usize, value: impl Fn(usize) -> f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::begin::without;
+    use super::super::force::{Force, Forces};
+    use super::super::residuals::balances;
     use super::*;
     use crate::identify::simulate::simulate;
     use crate::record::PRESSURE_REF_PA;
+    use model_discrepancy::least_squares::Residuals;
     use muscle_plant::simulation::TOLERANCE;
+    use std::borrow::Cow;
 
-    /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of
-    /// a simulation with fifty times as many.
-    #[test]
-    fn the_pressure_between_rows_is_that_of_finer_rows() {
-        const FINER: usize = 50;
-        let rig = Rig::reference();
+    const FINER: usize = 50;
+
+    /// Ten seconds of a reference in steps of 50 ms: as `rig` follows it, with a row each
+    /// millisecond, and what is left of that with a row at each step.
+    fn stepped(rig: &Rig) -> (Record, Record) {
         let time_s: Vec<f64> = (0..10_000).map(|row| 1e-3 * f64::from(row)).collect();
         let reference_pa = |row: usize| {
             let held_s = time_s[row / FINER * FINER];
@@ -213,13 +217,51 @@ mod tests {
         );
         drive.set(PRESSURE_PA, vec![2.5e5; time_s.len()]);
         drive.set(CONTRACTION, vec![0.1; time_s.len()]);
-        let fine = simulate(&rig, &drive, TOLERANCE).expect("a simulation");
+        let fine = simulate(rig, &drive, TOLERANCE).expect("a simulation");
         let mut coarse = Record::new(time_s.iter().step_by(FINER).copied().collect());
         for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
             let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
             let values = values.or_else(|| fine.column(name)).expect("the column");
             coarse.set(name, values.iter().step_by(FINER).copied().collect());
         }
+        (fine, coarse)
+    }
+
+    /// A valve that is later than the rig's by 12 ms: each reading misses a sixtieth of a step, and
+    /// the mean between them a fifth of one. The balance of the load is met with another bow.
+    #[test]
+    fn a_slower_valve_leaves_nothing_in_the_balance_of_the_load() {
+        let rig = Rig::reference();
+        let lag = "\n[[effect]]\nname = \"valve-lag\"\nform = \"first-order\"\n\
+                   time_constant_s = 0.012\n";
+        let text = format!("{}{lag}", Rig::REFERENCE_TOML);
+        let late = Rig::parse("late.toml", &text).expect("a rig");
+        let (_, coarse) = stepped(&late);
+        let mut prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
+        let record = &mut prepared[0];
+        tell(record, &rig);
+        let read = [Cow::Borrowed(&record.measured)];
+        let forces = Forces::new(&rig, &read, Force::True).expect("forces");
+        let missed = balances(record, &rig, &forces.settled_n().expect("forces"));
+        let missed = missed.expect("a balance");
+        let rms_n = |residuals: Residuals| {
+            let outside = residuals.outside().zip(&record.places);
+            let squares = outside.map(|(value, place)| (value / place.per_noise).powi(2));
+            (squares.sum::<f64>() / record.places.len() as f64).sqrt()
+        };
+        let zeros = record.zeros_of_balances(&rig, false);
+        let (bow, others) = zeros.split_last().expect("a bow");
+        let [with, by_zeros] = [&[bow.clone()][..], others]
+            .map(|unknown| rms_n(without(missed.clone(), unknown, None)));
+        assert!(with < 0.25 * by_zeros, "{with} of {by_zeros}");
+    }
+
+    /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of
+    /// a simulation with fifty times as many.
+    #[test]
+    fn the_pressure_between_rows_is_that_of_finer_rows() {
+        let rig = Rig::reference();
+        let (fine, coarse) = stepped(&rig);
         let prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
         let mut prepared = prepared;
         let trusted = |prepared: &Prepared| -> f64 {

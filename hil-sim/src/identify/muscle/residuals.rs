@@ -36,6 +36,10 @@ const LEAST_SHARE_OF_MASS: f64 = 0.5;
 /// on its muscle, of some 3 Hz, straight lines of 20 ms cut off less than 2 %.
 const FAR_S: f64 = 0.025;
 const PART_S: f64 = 0.02;
+/// Standard deviation of the share by which the pressure may bow more or less between rows than the
+/// rig's valve makes it: a valve or a line that is slower takes all of it off at two of them, and a
+/// reading at the rows alone does not show it.
+const BOW_SHARE: f64 = 0.5;
 /// Standard deviation of how much warmer or colder the gas is where a record begins in motion
 /// \[K\]: after a change of pressure by an eighth without exchange of heat.
 const BEGIN_K: f64 = 10.0;
@@ -266,14 +270,27 @@ impl Prepared {
     /// The same of the load's balance, with the muscle's force as it is read or, else, as pressure
     /// and contraction make it.
     pub(super) fn zeros_of_balances(&self, rig: &Rig, force_read: bool) -> Vec<Vec<f64>> {
-        let zeros_n = if force_read {
+        let mut zeros_n = if force_read {
             vec![vec![self.noise.force_n; self.directions.len()]]
         } else {
             self.zeros_n(rig)
         };
+        zeros_n.extend(self.bows_n(rig));
         let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
         let of = |n: &Vec<f64>| self.places.iter().map(|place| at(place, n)).collect();
         zeros_n.iter().map(of).collect()
+    }
+
+    /// What a pressure that bows [`BOW_SHARE`] more between rows than the simulated one does makes
+    /// of the muscle's force, row by row \[N\]; none where it is not known to bow.
+    fn bows_n(&self, rig: &Rig) -> Option<Vec<f64>> {
+        let contraction = self.measured.column(CONTRACTION)?;
+        let bow_n = |(contraction, bow_pa): (&f64, &f64)| {
+            let n = BOW_SHARE * bow_pa * rig.nominal.muscle.force_per_pressure_m2(*contraction);
+            if n.is_finite() { n } else { 0.0 }
+        };
+        let rows = contraction.iter().zip(&self.between_pa);
+        (!self.between_pa.is_empty()).then(|| rows.map(bow_n).collect())
     }
 
     /// What the zeros of pressure and contraction, off by their noise, make of the muscle's force,
