@@ -16,7 +16,7 @@ pub use marginal::{Judgement, Shape};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
-use std::sync::Mutex;
+use std::sync::{Mutex, OnceLock};
 
 /// One parameter of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -698,6 +698,8 @@ pub struct Engine<'a, M> {
     fits: Mutex<HashMap<Key, Option<Fit>>>,
     promised: Mutex<HashMap<(promises::Place, usize), f64>>,
     judged: Mutex<HashMap<promises::Place, Option<Vec<Judgement>>>>,
+    /// Residuals of each record's blocks with nominal values as given.
+    as_given: Vec<OnceLock<Option<Residuals>>>,
 }
 
 /// A hypothesis: which candidates are present, and how well it fits and predicts.
@@ -727,6 +729,9 @@ impl<'a, M: Model> Engine<'a, M> {
             fits: Mutex::default(),
             promised: Mutex::default(),
             judged: Mutex::default(),
+            as_given: (0..model.records() * model.blocks().len())
+                .map(|_| OnceLock::new())
+                .collect(),
         }
     }
 

@@ -6,7 +6,7 @@ use super::{
     START_FACTOR,
 };
 use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
-use crate::least_squares::at;
+use crate::least_squares::{Residuals, at};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -612,10 +612,14 @@ impl<M: Model> Engine<'_, M> {
                 if own == &block {
                     let own = first..first + count;
                     let left = &found.residuals;
+                    let found = (&left.values[own.clone()], &left.slack[own]);
+                    let given = self.as_given(record, block);
+                    let given = given.map_or(found, |given| (&given.values[..], &given.slack[..]));
+                    let rests = !self.model.proportional(block);
                     rows.add(
                         &self.model.timeline(record, block),
-                        (&left.values[own.clone()], &left.slack[own]),
-                        !self.model.proportional(block),
+                        found,
+                        rests.then_some(given),
                         (first, &mut merged),
                     );
                 }
@@ -623,6 +627,16 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         (rows, merged)
+    }
+
+    /// Residuals of a block over a record with nominal values as given and no effects, each
+    /// computed once; none without a solution.
+    fn as_given(&self, record: usize, block: usize) -> Option<&Residuals> {
+        let nominal = vec![0.0; self.model.nominal_blocks().len()];
+        let residuals = || self.model.residuals(record, block, &nominal, &[]);
+        let place = record * self.model.blocks().len() + block;
+        let residuals = self.as_given[place].get_or_init(residuals).as_ref();
+        residuals.filter(|residuals| residuals.finite())
     }
 
     /// How residuals change as an effect of `hypothesis` vanishes, and as its law is another.
@@ -741,14 +755,15 @@ impl<M: Model> Engine<'_, M> {
 
 impl Rows {
     /// Adds the rows of a record, which begin at `first`, and which of these each merges: the same
-    /// ones whatever is fitted. Where the weight rests in a dead zone (`rests`) few are kept; those
-    /// that are left out count as what noise makes of them in the mean, as otherwise evidences
-    /// would be of different data.
+    /// ones whatever is fitted. Where the weight rests in a dead zone few are kept, as they are with
+    /// nominal values as `given`, if the zone is there with these; those that are left out count as
+    /// what noise makes of them in the mean. With those of each hypothesis its evidence would be of
+    /// other data: a wider zone, of fewer rests, would be more probable for that alone.
     fn add(
         &mut self,
         timeline: &Timeline,
         (values, slack): (&[f64], &[f64]),
-        rests: bool,
+        given: Option<(&[f64], &[f64])>,
         (first, merged): (usize, &mut Vec<Range<usize>>),
     ) {
         let mut begins = true;
@@ -763,20 +778,27 @@ impl Rows {
             while base > 0.0 && end < slack.len() && follows(end) {
                 end += 1;
             }
-            let half_width = half_width(slack, &(row..end));
-            let is_at_rest = rests && half_width > WIDE && base > 0.0;
-            let value = of_merged(&(row..end), |row| values[row]);
-            let is_same = |rested: f64| (value - rested).abs() < half_width;
-            if is_at_rest && rested.is_some_and(is_same) {
+            let members = row..end;
+            let zone = |(values, slack): (&[f64], &[f64])| {
+                let value = of_merged(&members, |row| values[row]);
+                Some((value, half_width(slack, &members))).filter(|(_, half)| *half > WIDE)
+            };
+            let zone = given.and_then(|given| zone(given).or_else(|| zone((values, slack))));
+            let zone = zone.filter(|_| base > 0.0);
+            let is_same = |(value, half): (f64, f64)| {
+                rested.is_some_and(|rested: f64| (value - rested).abs() < half)
+            };
+            if zone.is_some_and(is_same) {
                 self.left_out += 1;
             } else {
                 if base > 0.0 {
-                    rested = is_at_rest.then_some(value);
+                    rested = zone.map(|(value, _)| value);
                 }
                 self.time_s.push(time_s);
                 self.base.push(base * ((end - row) as f64).sqrt());
                 self.begins.push(std::mem::take(&mut begins));
-                self.deviation.push(box_deviation(half_width));
+                self.deviation
+                    .push(box_deviation(half_width(slack, &members)));
                 merged.push(first + row..first + end);
             }
             row = end;
@@ -893,7 +915,7 @@ fn beyond(own: &DVector<f64>, others: &[&DVector<f64>]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BASE, Coordinate, Parameter, Residuals};
+    use super::super::{BASE, Coordinate, Parameter};
     use super::*;
 
     const ROWS: usize = 400;
@@ -1075,18 +1097,22 @@ mod tests {
             time_s: (0..ROWS).map(|row| 0.1 * row as f64).collect(),
             base: vec![BASE; ROWS],
         };
-        let kept = |half_width: f64, rests: bool| {
+        let kept = |half_width: f64, given: Option<f64>| {
             let (mut rows, mut merged) = (Rows::default(), Vec::new());
-            let slack = [half_width; ROWS];
-            rows.add(&timeline, (&values, &slack), rests, (0, &mut merged));
+            let [slack, given_slack] = [half_width, given.unwrap_or(0.0)].map(|own| [own; ROWS]);
+            let given = given.map(|_| (&values[..], &given_slack[..]));
+            rows.add(&timeline, (&values, &slack), given, (0, &mut merged));
             assert_eq!(rows.left_out + merged.len(), ROWS);
             let firsts: Vec<usize> = merged.iter().map(|members| members.start).collect();
             firsts
         };
-        assert_eq!(kept(half_width, true), [0, ROWS / 2]);
+        assert_eq!(kept(half_width, Some(0.0)), [0, ROWS / 2]);
         let all: Vec<usize> = (0..ROWS).collect();
-        assert_eq!(kept(half_width, false), all);
-        assert_eq!(kept(0.9 * WIDE, true), all);
+        assert_eq!(kept(half_width, None), all);
+        assert_eq!(kept(0.9 * WIDE, Some(0.0)), all);
+        // Whatever is fitted, where the rig as given has a zone.
+        assert_eq!(kept(2.0 * half_width, Some(half_width)), [0, ROWS / 2]);
+        assert_eq!(kept(0.0, Some(half_width)), [0, ROWS / 2]);
     }
 
     /// What is left out counts as noise makes it in the mean.
