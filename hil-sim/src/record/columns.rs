@@ -283,7 +283,7 @@ pub const COLUMNS: [Column; 26] = [
     ),
     text(
         record::SOFTWARE,
-        "In the first row: the version of hil-sim and, with a board, of its firmware, with its commit",
+        "In the first row: the version of hil-sim and, with a board, of its firmware",
         |row| {
             row.software
                 .map_or(Cell::Missing, |software| Cell::Text(software.to_string()))

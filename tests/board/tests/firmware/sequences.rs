@@ -101,7 +101,7 @@ fn sequences_end_on_the_board_as_they_do_on_the_pc() {
 }
 
 /// Count of lifts while bits of the stack flip; the environment variable STACK_LIFTS overrides it.
-const STACK_LIFTS: u64 = 24;
+const STACK_LIFTS: u64 = 8;
 /// A bit flips every 0.4 s \[ticks\], from the beginning of the lift on.
 const BETWEEN_FLIPS_TICKS: u32 = 40;
 const FIRST_FLIP_TICK: u32 = 130;
@@ -215,8 +215,8 @@ fn bits_of_the_stack_in_use_may_flip() {
     }
     let busy_bytes = busy_bytes.take();
     println!(
-        "{flips} flips in the stack in use, {} of them while the core is busy with up to {:?} bytes \
-         in use, in {lifts} lifts, which end with {ends:?}",
+        "{flips} flips in the stack in use, {} of them while the core is busy with up to {:?} \
+         bytes in use, in {lifts} lifts, which end with {ends:?}",
         busy_bytes.len(),
         busy_bytes.iter().max()
     );
