@@ -184,7 +184,7 @@ mod app {
                 last_change: (Mode::SelfCheck, None),
                 to_log,
                 changes,
-                self_test: SelfTest::default(),
+                self_test: SelfTest::new(devices.slow_counter),
             },
         )
     }

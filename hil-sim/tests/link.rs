@@ -13,7 +13,7 @@ use hil_sim::bench::settings_file;
 use hil_sim::bench::tick;
 use hil_sim::bench::view::View;
 use hil_sim::record::Record;
-use hil_sim::record::columns::Row;
+use hil_sim::record::columns::{Firmware, Row, Software};
 use hil_sim::record::mcap::{self, Origin};
 use hil_sim::rig::Rig;
 use model_core::controller::Controller;
@@ -93,12 +93,21 @@ fn hardware_in_the_loop_equals_the_closed_loop_to_the_last_bit() {
 /// When the records start: 2026-11-24 01:20:00 UTC.
 const STARTED: Duration = Duration::from_secs(1_795_483_200);
 
+/// The firmware that the records state.
+const FIRMWARE: Firmware = Firmware {
+    version: [1, 2, 3],
+    commit: 0x0a2b_3c4d,
+};
+
 /// Runs `ticks` ticks of [`wander`] on `client`'s board and records them.
 fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Path) {
     let origin = Origin {
         rig: Some("none".into()),
         seed: Some(u64::MAX),
         started: STARTED,
+        software: Software {
+            firmware: Some(FIRMWARE),
+        },
         ..Origin::default()
     };
     let mut recorder = Recorder::create(path, &origin).unwrap();
@@ -119,6 +128,7 @@ fn record_wandering<P: Transport>(client: &mut Client<P>, ticks: u32, path: &Pat
             plant: None,
             board: told.map(|told| (told.tick, told.source, told.timing)),
             start_settings: begins.then(reference),
+            software: None,
         };
         recorder.push(&row).unwrap();
     }
@@ -185,6 +195,24 @@ fn a_changed_output_is_found_with_its_size() {
         "{}",
         result.verdict()
     );
+}
+
+/// So that whoever investigates an accident knows which program has run.
+#[test]
+fn a_record_states_the_versions_of_its_programs_in_its_first_row() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("short.csv");
+    record_wandering(&mut client(DeviceBoard::new(3)), 3, &path);
+    let this = concat!("hil-sim ", env!("CARGO_PKG_VERSION"));
+    let with_board = format!("{this}, firmware 1.2.3 (0a2b3c4d)");
+    let of_mcap = mcap::read(&path.with_extension("mcap")).unwrap();
+    for record in [Record::read(&path).unwrap(), of_mcap] {
+        assert_eq!(record.text("software").unwrap(), [&with_board, "", ""]);
+    }
+    let (rig, settings) = (Rig::reference(), reference());
+    let ticks = closed_loop::run_in_process(&rig, &settings, &Run::PAPER, |_| Output::default());
+    let in_process = tick::record(&settings, &ticks.unwrap()[..2]);
+    assert_eq!(in_process.text("software").unwrap(), [this, ""]);
 }
 
 /// MCAP as others read it: the crate's own reader, summary, metadata, schema, every message.

@@ -32,6 +32,7 @@ pub fn flashes(fault: Fault) -> u32 {
         Fault::Start(StartFault::Stack) => 3,
         Fault::Start(StartFault::Supply) => 4,
         Fault::Start(StartFault::ValveVoltage) => 5,
+        Fault::Start(StartFault::Clock) => 6,
         // Never latched: see the mode ready.
         Fault::Start(StartFault::BrownOut) => WARNING_FLASHES,
     }

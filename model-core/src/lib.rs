@@ -27,6 +27,7 @@
 
 pub mod analysis;
 pub mod assist;
+pub mod clock;
 pub mod command;
 pub mod compensation;
 pub mod consistency;

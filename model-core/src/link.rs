@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 /// Version of the messages. It rises with every change of one, settings included, and also with a
 /// fault that is added at the end. `hil-sim/tests/link_format.rs` fails if it does not.
-pub const VERSION: u8 = 8;
+pub const VERSION: u8 = 9;
 /// A buffer of this size holds any frame.
 pub const FRAME_LEN_MAX: usize = 255;
 

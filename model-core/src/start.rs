@@ -24,6 +24,8 @@ pub enum StartFault {
     ValveVoltage,
     /// The chip does not reset when its supply sinks. Assistance is possible.
     BrownOut,
+    /// The core's clock and the watchdog's do not agree: one of the oscillators is wrong.
+    Clock,
 }
 
 names! { StartFault:
@@ -33,6 +35,7 @@ names! { StartFault:
     "Supply" = StartFault::Supply;
     "ValveVoltage" = StartFault::ValveVoltage;
     "BrownOut" = StartFault::BrownOut;
+    "Clock" = StartFault::Clock;
 }
 
 impl StartFault {
@@ -45,7 +48,7 @@ impl StartFault {
     pub fn help(self) -> &'static str {
         match self {
             StartFault::Image => "flash the firmware again; if it comes back, the flash is worn",
-            StartFault::Ram => "the chip is damaged: replace the board",
+            StartFault::Ram | StartFault::Clock => "the chip is damaged: replace the board",
             StartFault::Stack => "flash the firmware again; if it comes back, replace the board",
             StartFault::Supply => {
                 "measure the board's 3.3 V (2.97 to 3.63 V) and AVDD; if they are right, the \

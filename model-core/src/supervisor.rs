@@ -121,6 +121,7 @@ names! { Fault:
     "Start(Supply)" = Fault::Start, StartFault::Supply;
     "Start(ValveVoltage)" = Fault::Start, StartFault::ValveVoltage;
     "Start(BrownOut)" = Fault::Start, StartFault::BrownOut;
+    "Start(Clock)" = Fault::Start, StartFault::Clock;
     "ValveVoltage" = Fault::ValveVoltage;
 }
 
@@ -369,7 +370,7 @@ mod tests {
                       OverPressure OverContraction MissedTicks LoadedLever NotVented NotStill \
                       Uncommanded PressureControl ForceBalance OverSpeed Memory EmergencyStop \
                       StopContactsDiffer Start(Image) Start(Ram) Start(Stack) Start(Supply) \
-                      Start(ValveVoltage) Start(BrownOut) ValveVoltage";
+                      Start(ValveVoltage) Start(BrownOut) Start(Clock) ValveVoltage";
         assert!(
             faults
                 .split(' ')

@@ -9,6 +9,7 @@ pub mod counter;
 pub mod flash;
 pub mod iwdg;
 pub mod serial;
+pub mod slow_counter;
 pub mod tick_timer;
 
 #[cfg(not(feature = "mcp4922"))]
@@ -40,6 +41,7 @@ use rig_drivers::stop::Stop;
 use rig_drivers::store::Store;
 use rig_drivers::watchdog::Watchdog;
 use serial::Serial;
+use slow_counter::SlowCounter;
 use stm32f4xx_hal::dma::StreamsTuple;
 use stm32f4xx_hal::pac::{self, PWR, RCC, TIM3};
 use stm32f4xx_hal::prelude::*;
@@ -80,6 +82,8 @@ pub struct Devices {
     /// The bridge's converter, with the timer of the ticks, stopped.
     #[cfg(feature = "ads1220")]
     pub bridge_converter: BridgeConverter,
+    /// Counter on the watchdog's oscillator.
+    pub slow_counter: SlowCounter,
     /// What the start-up self-test has measured.
     pub findings: StartFindings,
     /// SysTick as a delay.
@@ -144,9 +148,11 @@ impl Devices {
         let started = link_timer.start(board::LINK_PERIOD_MS.millis());
         assert!(started.is_ok());
         let tick_timer = TickTimer::new(device.TIM2, &mut rcc);
+        let slow_counter = SlowCounter::start(device.RTC, &rcc, &device.PWR);
         Devices {
             watchdog,
             store: Store(flash),
+            slow_counter,
             findings,
             adc,
             encoder,

@@ -3,7 +3,7 @@
 use crate::bench::instruments::valve_reference;
 use crate::bench::tick::TICK_S;
 use crate::output::{NotWritten, write_atomically};
-use crate::record::columns::{COLUMNS, Cell, Row};
+use crate::record::columns::{COLUMNS, Cell, Row, Software};
 use crate::record::mcap::{self, McapWriter, Origin};
 use model_core::link::{Source, Telemetry};
 use model_core::settings::Settings;
@@ -24,6 +24,8 @@ pub struct Recorder {
     block: csv::Writer<Vec<u8>>,
     rows: usize,
     mcap: McapWriter,
+    /// For the first row.
+    software: Option<Software>,
 }
 
 impl Recorder {
@@ -43,6 +45,7 @@ impl Recorder {
             block,
             rows: 0,
             mcap: McapWriter::create(&path.with_extension("mcap"), origin)?,
+            software: Some(origin.software),
         };
         recorder.flush()?;
         let layout = format!("{:#}\n", mcap::layout());
@@ -50,12 +53,16 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Adds a row.
+    /// Adds a row; the first one states the software.
     ///
     /// # Errors
     /// The files cannot be written.
     pub fn push(&mut self, row: &Row) -> Result<(), NotWritten> {
-        let cells = COLUMNS.map(|column| (column.value)(row));
+        let row = Row {
+            software: self.software.take(),
+            ..*row
+        };
+        let cells = COLUMNS.map(|column| (column.value)(&row));
         let words = cells.iter().map(|cell| match cell {
             Cell::Number(number) if number.is_finite() => number.to_string(),
             Cell::Missing | Cell::Number(_) => String::new(),
@@ -144,6 +151,7 @@ impl Timeline {
             plant: None,
             board: Some((telemetry.tick, telemetry.source, telemetry.timing)),
             start_settings: starts.then_some(self.settings),
+            software: None,
         })
     }
 }

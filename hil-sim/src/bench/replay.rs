@@ -362,6 +362,7 @@ fn compare(inputs: &Inputs, row: usize, output: &Output, result: &mut Replay) {
         plant: None,
         board: None,
         start_settings: None,
+        software: None,
     };
     let mut differs = false;
     for Column {

@@ -1,7 +1,7 @@
 //! One tick of a run: the plant's state at sampling, the controller's input and its output.
 
 use crate::record::Record;
-use crate::record::columns::{self, Row};
+use crate::record::columns::{self, Row, Software};
 use model_core::constants::TICK_PERIOD_MS;
 use model_core::io::{Output, Sensors};
 use model_core::pressure::GaugePa;
@@ -50,6 +50,7 @@ impl Tick {
             plant: Some((self.force_n, self.finger_m)),
             board: None,
             start_settings: None,
+            software: None,
         }
     }
 }
@@ -62,6 +63,7 @@ pub fn record(settings: &Settings, ticks: &[Tick]) -> Record {
     let mut rows: Vec<Row> = ticks.iter().map(Tick::row).collect();
     if let Some(first) = rows.first_mut() {
         first.start_settings = Some(*settings);
+        first.software = Some(Software::default());
     }
     columns::record(&rows)
 }

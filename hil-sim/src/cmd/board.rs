@@ -7,6 +7,9 @@ use hil_sim::bench::port::emulated::{self, Emulated};
 use hil_sim::bench::port::serial::Serial;
 use hil_sim::bench::settings_file;
 use hil_sim::error::BadInput;
+use hil_sim::output::written_at;
+use hil_sim::record::columns::{Firmware, Software};
+use hil_sim::record::mcap::Origin;
 use model_core::limits::safety_hash;
 use model_core::link::Identity;
 use model_core::settings::SettingsValues;
@@ -81,20 +84,24 @@ pub fn connect(port: Option<&str>) -> Result<Connected, Failure> {
 /// What a record says of its board: firmware, safety block, and who has changed it and when.
 ///
 /// # Errors
-/// The board does not answer.
-pub fn origin(
-    board: &mut Connected,
-    values: &SettingsValues,
-) -> Result<Vec<(&'static str, String)>, LinkError> {
+/// The board does not answer, or the PC's clock is unusable.
+pub fn origin(board: &mut Connected, values: &SettingsValues) -> Result<Origin, Failure> {
     let changed = match board.line.change(0)? {
         Some(change) if change.values == *values => settings_file::signed(&change.signature),
         _ => "not known".into(),
     };
-    Ok(vec![
-        ("board", describe(&board.identity)),
-        ("safety_block", format!("{:08x}", safety_hash(values))),
-        ("settings_changed", changed),
-    ])
+    Ok(Origin {
+        board: vec![
+            ("board", describe(&board.identity)),
+            ("safety_block", format!("{:08x}", safety_hash(values))),
+            ("settings_changed", changed),
+        ],
+        software: Software {
+            firmware: Some(Firmware::from(&board.identity)),
+        },
+        started: written_at()?,
+        ..Origin::default()
+    })
 }
 
 /// The board's name, firmware and last faults as text.
@@ -106,11 +113,7 @@ pub fn describe(identity: &Identity) -> String {
             _ => '?',
         })
         .collect();
-    let [major, minor, patch] = identity.firmware;
-    let mut words = format!("{board}, firmware {major}.{minor}.{patch}");
-    if identity.commit != 0 {
-        words += &format!(" ({:08x})", identity.commit);
-    }
+    let mut words = format!("{board}, {}", Firmware::from(identity));
     if let Some(crash) = identity.crash {
         words += &format!(", which has crashed before: {crash:?}");
     }

@@ -16,7 +16,6 @@ use hil_sim::bench::settings_file;
 use hil_sim::bench::tick::{TICK_S, Tick};
 use hil_sim::bench::tracking::Tracking;
 use hil_sim::bench::view::View;
-use hil_sim::output::written_at;
 use hil_sim::paper::valves;
 use hil_sim::record::Record;
 use hil_sim::record::mcap::Origin;
@@ -246,8 +245,7 @@ fn one(
             false => args.common.rig_name(),
         }),
         seed: Some(job.run.seed),
-        board: origin(board, job.settings.values())?,
-        started: written_at()?,
+        ..origin(board, job.settings.values())?
     };
     let recorder = Recorder::create(&path, &origin)?;
     let (ticks, report) = hil::run(&mut board.line, name, job, recorder, view)?;

@@ -12,7 +12,7 @@ use hil_sim::bench::port::client::{LinkCounts, LinkError};
 use hil_sim::bench::recorder::{Recorder, Timeline};
 use hil_sim::bench::view::View;
 use hil_sim::error::BadInput;
-use hil_sim::output::{same_file, written_at};
+use hil_sim::output::same_file;
 use hil_sim::record::columns::Row;
 use hil_sim::record::mcap::Origin;
 use model_core::device::Command;
@@ -158,11 +158,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if *settings.values() != values {
         board.line.write_settings(settings.values())?;
     }
-    let origin = Origin {
-        board: origin(&mut board, settings.values())?,
-        started: written_at()?,
-        ..Origin::default()
-    };
+    let origin = origin(&mut board, settings.values())?;
     let mut recorder = Recorder::create(&args.out, &origin)?;
     #[cfg(feature = "terminal")]
     super::interrupt::last_words(player.as_ref().map(|_| LAST_WORDS));
@@ -340,8 +336,7 @@ fn in_the_loop(args: &Args, path: &Path, player: &Player) -> Result<(), Failure>
     let origin = Origin {
         rig: Some(path.display().to_string()),
         seed: Some(experiment.seed),
-        board: origin(&mut board, settings.values())?,
-        started: written_at()?,
+        ..origin(&mut board, settings.values())?
     };
     let recorder = Recorder::create(&args.out, &origin)?;
     let (ticks, report) = hil::run(&mut board.line, "experiment", &job, recorder, &view)?;

@@ -2,10 +2,10 @@
 
 use crate::record::{self, Record};
 use model_core::io::{Output, Sensors};
-use model_core::link::Source;
+use model_core::link::{Identity, Source};
 use model_core::settings::{ENCODED_LEN_MAX, Settings};
 use model_core::timing::Timing;
-use std::fmt::Write as _;
+use std::fmt::{self, Display, Formatter, Write as _};
 
 /// One tick of a controller.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,54 @@ pub struct Row {
     pub board: Option<(u32, Source, Timing)>,
     /// In the first tick after a start of the controller: its settings.
     pub start_settings: Option<Settings>,
+    /// In a record's first row: the programs that have made it.
+    pub software: Option<Software>,
+}
+
+/// The programs that make a record: this one and, with a board, its firmware.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Software {
+    /// The board's firmware.
+    pub firmware: Option<Firmware>,
+}
+
+impl Display for Software {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        write!(out, "hil-sim {}", env!("CARGO_PKG_VERSION"))?;
+        match self.firmware {
+            None => Ok(()),
+            Some(firmware) => write!(out, ", {firmware}"),
+        }
+    }
+}
+
+/// The firmware of a board, as it identifies itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Firmware {
+    /// Major, minor and patch.
+    pub version: [u8; 3],
+    /// First eight digits of the commit; 0 if it is not known.
+    pub commit: u32,
+}
+
+impl From<&Identity> for Firmware {
+    fn from(identity: &Identity) -> Firmware {
+        Firmware {
+            version: identity.firmware,
+            commit: identity.commit,
+        }
+    }
+}
+
+impl Display for Firmware {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        let [major, minor, patch] = self.version;
+        write!(out, "firmware {major}.{minor}.{patch}")?;
+        match self.commit {
+            0 => Ok(()),
+            commit => write!(out, " ({commit:08x})"),
+        }
+    }
 }
 
 /// One value of a row.
@@ -94,7 +142,7 @@ fn hex(settings: &Settings) -> String {
 }
 
 /// The columns of a record of ticks, in the file's order.
-pub const COLUMNS: [Column; 25] = [
+pub const COLUMNS: [Column; 26] = [
     number(record::TIME_S, "s", "Time of the sample", |row| {
         Cell::Number(row.time_s)
     }),
@@ -231,6 +279,14 @@ pub const COLUMNS: [Column; 25] = [
             row.start_settings
                 .as_ref()
                 .map_or(Cell::Missing, |settings| Cell::Text(hex(settings)))
+        },
+    ),
+    text(
+        record::SOFTWARE,
+        "In the first row: the version of hil-sim and, with a board, of its firmware",
+        |row| {
+            row.software
+                .map_or(Cell::Missing, |software| Cell::Text(software.to_string()))
         },
     ),
 ];

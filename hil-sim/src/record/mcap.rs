@@ -4,7 +4,7 @@
 use crate::error::BadInput;
 use crate::input;
 use crate::output::NotWritten;
-use crate::record::columns::{COLUMNS, Cell, Column};
+use crate::record::columns::{COLUMNS, Cell, Column, Software};
 use crate::record::{self, Record, TIME_S};
 use mcap::parse_record;
 use mcap::records::{MessageHeader, Metadata, Record as McapRecord, op};
@@ -36,6 +36,8 @@ pub struct Origin {
     pub seed: Option<u64>,
     /// The board's firmware, its settings' safety block and who has changed them, by name.
     pub board: Vec<(&'static str, String)>,
+    /// The programs that make the record.
+    pub software: Software,
     /// Time since 1970 at which the record starts: the viewers' time of its `time_s` 0.
     pub started: Duration,
 }

@@ -74,6 +74,8 @@ pub const LINK_PER_MILLE: &str = "link_per_mille";
 /// Empty except in the tick in which the controller restarts: its settings as stored in flash, in
 /// hexadecimal digits.
 pub const SETTINGS: &str = "settings";
+/// Version of the programs that made the record.
+pub const SOFTWARE: &str = "software";
 
 /// The known columns and the range of values that they can have on any rig of this kind. Numbers in
 /// other units of the trade, such as contractions in mm, are within: [`check`] names the unit.

@@ -4,7 +4,7 @@
 use rand::{Rng, RngExt};
 
 /// Version of the messages that the page describes.
-const VERSION: u8 = 8;
+const VERSION: u8 = 9;
 
 /// CRC-32 (ISO-HDLC), bit by bit.
 fn crc(bytes: &[u8]) -> u32 {
@@ -209,10 +209,10 @@ mod tests {
     /// The frames of the page.
     #[test]
     fn frames_are_those_of_the_page() {
-        let identify = [0x02, 0x08, 0x03, 0xF7, 0x98, 0x02, 0x89, 0x00];
+        let identify = [0x02, 0x09, 0x05, 0xB6, 0xA9, 0x1B, 0x90, 0x00];
         assert_eq!(frame_of(VERSION, &[0]), identify);
-        let vent = [0x03, 0x08, 0x03, 0x06, 0x03, 0x10, 0x18, 0xBF, 0x7F, 0x00];
+        let vent = [0x03, 0x09, 0x03, 0x06, 0x03, 0x75, 0x7F, 0x03, 0xC7, 0x00];
         assert_eq!(frame_of(VERSION, &[3, 0, 3]), vent);
-        assert_eq!(contents(&vent), [8, 3, 0, 3]);
+        assert_eq!(contents(&vent), [9, 3, 0, 3]);
     }
 }

@@ -86,6 +86,34 @@ fn each_place_in_the_code_and_each_test_exists() {
     assert_eq!(places.collect::<Vec<_>>(), [] as [String; 0]);
 }
 
+/// The rows of the first table in docs/safety.md whose header begins so.
+fn table_of_safety(header: &str) -> Vec<String> {
+    let page = std::fs::read_to_string(repository().join("docs/safety.md")).expect("the page");
+    let mut lines = page.lines().skip_while(|line| !line.starts_with(header));
+    assert!(lines.next().is_some(), "no table «{header}»");
+    let rows = lines.take_while(|line| line.starts_with('|'));
+    rows.map(String::from).collect()
+}
+
+#[test]
+fn each_table_of_safety_functions_has_all_of_them() {
+    let tables = [
+        ("| unsafe control action", true),
+        ("| without | violations", false),
+        ("| without | speed", true),
+        ("| without | what happens", true),
+    ];
+    for (header, needs_limb) in tables {
+        let rows = table_of_safety(header).join("\n");
+        for function in SafetyFunction::ALL {
+            let is_named = rows.contains(&format!("`{}`", function.name()));
+            // The campaign has no limb.
+            let is_expected = needs_limb || !function.needs_limb();
+            assert_eq!(is_named, is_expected, "{header}: {function:?}");
+        }
+    }
+}
+
 #[test]
 fn page_is_what_is_generated() {
     let source = Source::read();

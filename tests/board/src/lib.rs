@@ -45,6 +45,7 @@ mod nvic;
 mod pin;
 mod pwr;
 mod rcc;
+mod rtc;
 mod scb;
 mod soc;
 mod spi;

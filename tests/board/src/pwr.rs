@@ -9,6 +9,8 @@ use crate::time::{NEVER, Time, from_ns};
 
 const ODEN: u32 = 1 << 16;
 const ODSWEN: u32 = 1 << 17;
+/// The backup domain may be written to.
+const DBP: u32 = 1 << 8;
 const VOSRDY: u32 = 1 << 14;
 /// Scale 3 in the field VOS.
 const SCALE_3: u32 = 1;
@@ -58,6 +60,11 @@ impl Pwr {
             let ready = self.cr & ODEN != 0;
             self.cr = if ready { value } else { value & !ODSWEN };
         }
+    }
+
+    /// Whether the backup domain may be written to.
+    pub fn is_backup_open(&self) -> bool {
+        self.cr & DBP != 0
     }
 
     /// Maximum HCLK for the voltage scale in force \[Hz\].

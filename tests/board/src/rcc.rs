@@ -36,7 +36,10 @@ impl Default for Oscillators {
 const CR: usize = 0x00;
 const PLLCFGR: usize = 0x04;
 const CFGR: usize = 0x08;
-const BDCR: usize = 0x70;
+/// Register of the backup domain.
+pub const BDCR: usize = 0x70;
+/// Its bit that resets that domain.
+pub const BDRST: u32 = 1 << 16;
 const CSR: usize = 0x74;
 const DCKCFGR: usize = 0x8c;
 const REGISTERS: usize = 0x98 / 4;
@@ -161,6 +164,18 @@ impl Rcc {
         self.words[CR / 4] & 1 << 24 != 0
     }
 
+    /// Frequency of the oscillator that is connected to the RTC; only LSI can be.
+    pub fn rtc_hz(&self) -> Option<u64> {
+        let bdcr = self.words[BDCR / 4];
+        let is_lsi = bdcr & 1 << 15 != 0 && bdcr >> 8 & 3 == 2;
+        is_lsi.then_some(self.oscillators.lsi_hz)
+    }
+
+    /// Takes over what a reset of the chip does not change.
+    pub fn keep_backup_domain(&mut self, before: &Rcc) {
+        self.words[BDCR / 4] = before.words[BDCR / 4];
+    }
+
     /// The reset flags, as RCC_CSR shows them.
     pub fn reset_flags(&self) -> u32 {
         self.words[CSR / 4] & 0xfe00_0000
@@ -213,6 +228,11 @@ impl Rcc {
         self.words[index] = match index * 4 {
             // `read` sets the ready bits
             CR => value & !0x2a02_0002,
+            // The source stays until the domain's reset.
+            BDCR if value & BDRST != 0 => BDRST,
+            BDCR if self.words[BDCR / 4] >> 8 & 3 != 0 => {
+                value & !0x300 | self.words[BDCR / 4] & 0x300
+            }
             CSR if value & 1 << 24 != 0 => value & 1,
             CSR => self.words[CSR / 4] & 0xfe00_0000 | value & 1,
             _ => value,

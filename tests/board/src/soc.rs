@@ -14,7 +14,8 @@ use crate::iwdg::Iwdg;
 use crate::nvic::{Nvic, SYS_TICK};
 use crate::pin::{Pin, pin};
 use crate::pwr::Pwr;
-use crate::rcc::{Bus, Clocks, Oscillators, Rcc, ResetCause};
+use crate::rcc::{self, Bus, Clocks, Oscillators, Rcc, ResetCause};
+use crate::rtc::Rtc;
 use crate::scb::Scb;
 use crate::spi::{Mcp4922, Spi};
 use crate::tim::{Pulses, Tim};
@@ -47,6 +48,7 @@ const USART2_TX_DMA: (usize, usize, u32) = (0, 6, 4);
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Peripheral {
     Tim(usize),
+    Rtc,
     Iwdg,
     Usart2,
     Spi(usize),
@@ -68,6 +70,7 @@ fn peripheral_at(address: u32) -> Option<(Peripheral, Option<(Bus, u32)>)> {
             let index = base >> 10 & 7;
             (Peripheral::Tim(index as usize), Some((Apb1, index)))
         }
+        0x4000_2800 => (Peripheral::Rtc, None),
         0x4000_3000 => (Peripheral::Iwdg, None),
         0x4000_3800 => (Peripheral::Spi(0), Some((Apb1, 14))),
         0x4000_3c00 => (Peripheral::Spi(1), Some((Apb1, 15))),
@@ -163,6 +166,7 @@ pub struct Soc {
     dma: [Dma; 2],
     usart: Usart,
     iwdg: Iwdg,
+    rtc: Rtc,
     systick: SysTick,
     dac_seen: [Option<f64>; 2],
     /// Registers without a function.
@@ -205,6 +209,7 @@ impl Soc {
             dma: [Dma::new(1), Dma::new(2)],
             usart: Usart::new(unit(clocks.pclk1_hz)),
             iwdg: Iwdg::new(rcc.oscillators().lsi_hz),
+            rtc: Rtc::default(),
             systick: SysTick::new(clocks.cycle()),
             dac_seen: [None; 2],
             memory: BTreeMap::new(),
@@ -222,6 +227,9 @@ impl Soc {
         if cause != ResetCause::Power {
             new.mcp4922 = self.mcp4922;
             new.ads1220 = self.ads1220;
+            // The backup domain.
+            new.rcc.keep_backup_domain(&self.rcc);
+            new.rtc = self.rtc.clone();
         }
         // Only power-on resets the debug units.
         if cause != ResetCause::Power {
@@ -242,6 +250,7 @@ impl Soc {
         new.encoder = self.encoder;
         new.dac_seen = self.dac_seen;
         new.set_clocks(new.rcc.clocks);
+        new.rtc.set_clock(new.now, new.rcc.rtc_hz());
         *self = new;
         self.record_dac();
     }
@@ -343,6 +352,7 @@ impl Soc {
         if self.rcc.set_oscillators(oscillators) {
             self.set_clocks(self.rcc.clocks);
         }
+        self.rtc.set_clock(self.now, self.rcc.rtc_hz());
     }
 
     /// Halts the core as a debugger does, or lets it continue.
@@ -625,6 +635,7 @@ impl Soc {
         let offset = address & 0x3ff;
         let value = match peripheral {
             Peripheral::Tim(index) => self.tims[index].read(offset, self.now),
+            Peripheral::Rtc => self.rtc.read(offset, self.now),
             Peripheral::Iwdg => self.iwdg.read(offset, self.now),
             Peripheral::Usart2 => self.usart.read(offset),
             Peripheral::Spi(index) => self.spis[index].read(offset, self.now),
@@ -659,6 +670,10 @@ impl Soc {
                 let pulses = self.with(|soc, cx| soc.tims[index].write(offset, value, cx));
                 self.forward(index, pulses);
             }
+            Peripheral::Rtc => {
+                let is_open = self.pwr.is_backup_open();
+                self.with(|soc, cx| soc.rtc.write(offset, value, is_open, cx));
+            }
             Peripheral::Iwdg => self.iwdg.write(offset, value, self.now),
             Peripheral::Usart2 => self.with(|soc, cx| soc.usart.write(offset, value, cx)),
             Peripheral::Spi(index) => self.write_spi(index, offset, value),
@@ -692,9 +707,18 @@ impl Soc {
     }
 
     fn write_rcc(&mut self, offset: u32, value: u32) {
+        if offset == rcc::BDCR as u32 {
+            if !self.pwr.is_backup_open() {
+                return self.error("RCC: BDCR written without DBP: ignored");
+            }
+            if value & rcc::BDRST != 0 {
+                self.rtc = Rtc::default();
+            }
+        }
         if self.with(|soc, cx| soc.rcc.write(offset, value, cx)) {
             self.set_clocks(self.rcc.clocks);
         }
+        self.rtc.set_clock(self.now, self.rcc.rtc_hz());
         let (pll_on, regulator_ns) = (self.rcc.is_pll_on(), self.external.regulator_ns);
         self.pwr.set_pll(pll_on, regulator_ns, self.now);
         let unit = |hz| period(hz).0;

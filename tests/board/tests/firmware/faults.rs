@@ -44,6 +44,8 @@ pub struct OnBoard {
     output: Output,
     /// The valve's voltage after the last tick.
     valve: DacCount,
+    /// What happens to the board while it executes the next tick.
+    pub in_tick: Option<Box<dyn FnOnce(&mut Rig)>>,
 }
 
 impl OnBoard {
@@ -62,6 +64,7 @@ impl OnBoard {
             held: false,
             output: Output::default(),
             valve: DacCount::default(),
+            in_tick: None,
         }
     }
 
@@ -103,10 +106,16 @@ impl Unit for OnBoard {
             board.hold_core(false);
             self.held = false;
         }
+        if let Some(happens) = self.in_tick.take() {
+            let before_ns = CONVERTED_NS - MS / 2;
+            self.rig.board.run_until(self.tick_ns + before_ns);
+            self.rig.run_into_tick();
+            happens(&mut self.rig);
+        }
         // The telemetry of a very late tick is read with the next one, as the next scan begins.
         let telemetry_ns =
             (CONVERTED_NS + late_ns + TELEMETRY_NS).min(TICK_NS + CONVERTED_NS - MS / 2);
-        board.run_until(self.tick_ns + telemetry_ns);
+        self.rig.board.run_until(self.tick_ns + telemetry_ns);
         self.tick_ns += TICK_NS;
         self.telemetry = self.rig.telemetry();
         if let Some(telemetry) = self.telemetry.last() {

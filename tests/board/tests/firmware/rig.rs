@@ -193,6 +193,18 @@ impl Rig {
         }
     }
 
+    /// Runs until the next tick has begun, or 2 ms.
+    pub fn run_into_tick(&mut self) {
+        self.board.exceptions();
+        self.board.trace_exceptions(true);
+        let end_ns = self.board.time_ns() + 2 * MS;
+        let entered = |e: &ExceptionEvent| e.entered && e.exception == TICK_EXCEPTION;
+        while self.board.time_ns() < end_ns && !self.board.exceptions().iter().any(entered) {
+            self.board.run_for(200);
+        }
+        self.board.trace_exceptions(false);
+    }
+
     /// Time at which the next tick is due: one period after the last one, which it waits for.
     pub fn next_tick_ns(&mut self) -> u64 {
         self.board.exceptions();

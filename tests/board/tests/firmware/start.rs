@@ -3,7 +3,7 @@
 
 use crate::rig::{LAMP, MS, Rig, TICK_NS};
 use crate::timing::ticks;
-use emulated_board::{Board, Imperfection};
+use emulated_board::{Board, Imperfection, Oscillators};
 use model_core::device::Command;
 use model_core::io::Request;
 use model_core::link::{IMAGE_CHECKSUM_AT, IMAGE_LENGTH_AT, ToDevice};
@@ -304,4 +304,50 @@ fn bit_of_the_image_that_changes_while_assisting_lets_the_weight_down() {
         assert_eq!(fault, StartFault::Image, "{at:#x}");
     }
     assert_eq!(found_while_assisting(sealed, |_| {}), None);
+}
+
+fn with_slow_oscillator(board: &mut Board, lsi_hz: u64) {
+    board.set_oscillators(Oscillators {
+        lsi_hz,
+        ..board.oscillators()
+    });
+}
+
+/// The slow oscillator, which is the watchdog's, as the core's clock sees it.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn oscillator_that_changes_while_assisting_lets_the_weight_down() {
+    for lsi_hz in [100, 24_000, 40_000] {
+        let found = found_while_assisting(|_| {}, |board| with_slow_oscillator(board, lsi_hz));
+        let (ms, fault) = found.unwrap_or_else(|| panic!("{lsi_hz} Hz: not found"));
+        println!("{lsi_hz} Hz: after {ms} ms");
+        assert_eq!(fault, StartFault::Clock, "{lsi_hz} Hz");
+        // Two readings of 250 ms, two ticks, and the telemetry.
+        assert!(ms <= 530, "{lsi_hz} Hz: {ms} ms");
+    }
+    for lsi_hz in [17_000, 47_000] {
+        let found = found_while_assisting(|board| with_slow_oscillator(board, lsi_hz), |_| {});
+        assert_eq!(found, None, "{lsi_hz} Hz");
+    }
+}
+
+/// The link is lost with the core's clock, so that the valve's voltage tells.
+#[test]
+#[ignore = "needs FIRMWARE, the ELF of the firmware"]
+fn core_whose_clock_changes_while_assisting_lets_the_weight_down() {
+    // 50.4 GHz is a multiple of each board's CPU clock for these.
+    for (period_units, is_right) in [(3_276, true), (4_212, false), (2_340, false)] {
+        let mut rig = Rig::after_ms(1_200);
+        rig.send(&ToDevice::Command(Command::Request(Request::Assist)));
+        rig.run_ms(1_000);
+        rig.board.set_oscillators(Oscillators {
+            hsi_hz: 50_400_000_000 / period_units,
+            ..rig.board.oscillators()
+        });
+        // Half a second, and 2.5 s of the ramp, at a clock that is a third slower.
+        rig.run_ms(4_500);
+        let volts = rig.board.dac_volts(1);
+        assert_eq!(volts > 0.0, is_right, "{period_units}: {volts} V");
+        assert_eq!(rig.board.resets(), []);
+    }
 }
