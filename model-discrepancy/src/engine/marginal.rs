@@ -755,10 +755,10 @@ impl<M: Model> Engine<'_, M> {
 
 impl Rows {
     /// Adds the rows of a record, which begin at `first`, and which of these each merges: the same
-    /// ones whatever is fitted. Where the weight rests in a dead zone few are kept, as they are with
-    /// nominal values as `given`, if the zone is there with these; those that are left out count as
-    /// what noise makes of them in the mean. With those of each hypothesis its evidence would be of
-    /// other data: a wider zone, of fewer rests, would be more probable for that alone.
+    /// ones whatever is fitted. Where the weight rests in a dead zone few are kept: those that are
+    /// with nominal values as `given`, if the zone is there with these. What is left out counts as
+    /// noise makes it in the mean. With the zone of each hypothesis the evidence would be of other
+    /// data: a wider one, of fewer rests, would be more probable for that alone.
     fn add(
         &mut self,
         timeline: &Timeline,
