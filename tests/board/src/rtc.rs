@@ -74,7 +74,10 @@ impl Rtc {
         let divider = u64::from(self.prer >> 16 & 0x7f) + 1;
         let seconds_at = u64::from(self.prer & 0x7fff) + 1;
         match offset {
-            ISR => u32::from(self.init) * INIT | u32::from(self.may_be_initialised(now)) * INITF,
+            ISR => {
+                let initialised = u32::from(self.may_be_initialised(now)) * INITF;
+                (u32::from(self.init) * INIT) | initialised
+            }
             PRER => self.prer,
             SSR => (seconds_at - 1 - self.periods / divider % seconds_at) as u32,
             _ => 0,

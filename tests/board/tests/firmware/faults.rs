@@ -32,6 +32,9 @@ const SECTORS: [u32; 2] = [0x0804_0000, 0x0806_0000];
 /// Part of the symbol that RTIC generates for the `Device` in RAM.
 pub const DEVICE: &str = "rtic_internal_local_resource_device";
 
+/// What happens to a board.
+pub type Happening = Box<dyn FnOnce(&mut Rig)>;
+
 /// The board as a unit of the campaign, one tick per call.
 pub struct OnBoard {
     /// The board and its PC.
@@ -45,7 +48,7 @@ pub struct OnBoard {
     /// The valve's voltage after the last tick.
     valve: DacCount,
     /// What happens to the board while it executes the next tick.
-    pub in_tick: Option<Box<dyn FnOnce(&mut Rig)>>,
+    pub in_tick: Option<Happening>,
 }
 
 impl OnBoard {

@@ -172,7 +172,7 @@ fn lift(seed: u64, random: &mut Pcg64Mcg) -> Case {
     };
     let mut case = Case::with(hil_sim::rig::Rig::reference(), vec![lets_go], seed);
     case.enabling = random.random_bool(0.5);
-    case.port = seed % 2 == 0;
+    case.port = seed.is_multiple_of(2);
     case
 }
 
