@@ -37,7 +37,9 @@ impl BoardInTheLoop {
         while same.telemetry().is_empty() {
             same.run_ms(1);
         }
-        let telemetry_ns = same.board.time_ns() + MS;
+        // The link's task, which sends what a tick tells, runs each millisecond. Once in some hundred
+        // thousand ticks it has just begun to wait.
+        let telemetry_ns = same.board.time_ns() + 2 * MS;
         BoardInTheLoop {
             rig,
             telemetry_ns,
