@@ -37,7 +37,7 @@ impl BoardInTheLoop {
         while same.telemetry().is_empty() {
             same.run_ms(1);
         }
-        // The link's task, which sends what a tick tells, runs each millisecond. Once in some hundred
+        // The link's task, which sends what a tick tells, runs each millisecond. Once in a hundred
         // thousand ticks it has just begun to wait.
         let telemetry_ns = same.board.time_ns() + 2 * MS;
         BoardInTheLoop {
