@@ -375,6 +375,14 @@ impl Problem for Fit<'_> {
 mod tests {
     use super::*;
 
+    const MOVING: Initial = Initial {
+        time_s: 0.0,
+        contraction: 0.08,
+        contraction_rate_per_s: 0.2,
+        pressure: GaugePa(2.0e5),
+        temperature_k: 298.0,
+    };
+
     /// The first second of a rig that starts from `truth`, without noise.
     fn record(rig: &Rig, truth: &Initial) -> Record {
         let time_s: Vec<f64> = (0..200).map(|row| 0.005 * f64::from(row)).collect();
@@ -402,11 +410,9 @@ mod tests {
     fn no_rate_is_tried_that_no_muscle_has() {
         let rig = Rig::reference();
         let start = Initial {
-            time_s: 0.0,
             contraction: 0.0,
             contraction_rate_per_s: 0.03,
-            pressure: GaugePa(2.0e5),
-            temperature_k: 298.0,
+            ..MOVING
         };
         let record = record(&rig, &start);
         let inputs = Inputs::new(&rig, &record).expect("the inputs of the rig");
@@ -427,13 +433,7 @@ mod tests {
     #[test]
     fn the_state_of_a_record_that_starts_in_motion_is_recovered() {
         let rig = Rig::reference();
-        let truth = Initial {
-            time_s: 0.0,
-            contraction: 0.08,
-            contraction_rate_per_s: 0.2,
-            pressure: GaugePa(2.0e5),
-            temperature_k: 298.0,
-        };
+        let truth = MOVING;
         let record = record(&rig, &truth);
         let inputs = Inputs::new(&rig, &record).expect("the inputs of the rig");
         let initial = estimate(&rig, &record, &inputs).expect("an estimate");

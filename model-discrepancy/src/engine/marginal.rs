@@ -613,13 +613,15 @@ impl<M: Model> Engine<'_, M> {
                     let own = first..first + count;
                     let left = &found.residuals;
                     let found = (&left.values[own.clone()], &left.slack[own]);
-                    let given = self.as_given(record, block);
-                    let given = given.map_or(found, |given| (&given.values[..], &given.slack[..]));
                     let rests = !self.model.proportional(block);
+                    let given = rests.then(|| match self.as_given(record, block) {
+                        Some(given) => (&given.values[..], &given.slack[..]),
+                        None => found,
+                    });
                     rows.add(
                         &self.model.timeline(record, block),
                         found,
-                        rests.then_some(given),
+                        given,
                         (first, &mut merged),
                     );
                 }
@@ -632,11 +634,13 @@ impl<M: Model> Engine<'_, M> {
     /// Residuals of a block over a record with nominal values as given and no effects, each
     /// computed once; none without a solution.
     fn as_given(&self, record: usize, block: usize) -> Option<&Residuals> {
-        let nominal = vec![0.0; self.model.nominal_blocks().len()];
-        let residuals = || self.model.residuals(record, block, &nominal, &[]);
+        let residuals = || {
+            let nominal = vec![0.0; self.model.nominal_blocks().len()];
+            let residuals = self.model.residuals(record, block, &nominal, &[]);
+            residuals.filter(Residuals::finite)
+        };
         let place = record * self.model.blocks().len() + block;
-        let residuals = self.as_given[place].get_or_init(residuals).as_ref();
-        residuals.filter(|residuals| residuals.finite())
+        self.as_given[place].get_or_init(residuals).as_ref()
     }
 
     /// How residuals change as an effect of `hypothesis` vanishes, and as its law is another.
