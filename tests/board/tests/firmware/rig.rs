@@ -193,31 +193,30 @@ impl Rig {
         }
     }
 
-    /// Runs until the next tick has begun, or 2 ms.
-    pub fn run_into_tick(&mut self) {
+    /// Runs in steps until a tick has begun, at the time that is returned, or until `end_ns`.
+    fn run_to_tick(&mut self, step_ns: u64, end_ns: u64) -> Option<u64> {
         self.board.exceptions();
         self.board.trace_exceptions(true);
-        let end_ns = self.board.time_ns() + 2 * MS;
         let entered = |e: &ExceptionEvent| e.entered && e.exception == TICK_EXCEPTION;
-        while self.board.time_ns() < end_ns && !self.board.exceptions().iter().any(entered) {
-            self.board.run_for(200);
+        let mut tick = None;
+        while tick.is_none() && self.board.time_ns() < end_ns {
+            self.board.run_for(step_ns);
+            tick = self.board.exceptions().into_iter().find(entered);
         }
         self.board.trace_exceptions(false);
+        tick.map(|tick| tick.time_ns)
+    }
+
+    /// Runs until the next tick has begun, or 2 ms.
+    pub fn run_into_tick(&mut self) {
+        let end_ns = self.board.time_ns() + 2 * MS;
+        self.run_to_tick(200, end_ns);
     }
 
     /// Time at which the next tick is due: one period after the last one, which it waits for.
     pub fn next_tick_ns(&mut self) -> u64 {
-        self.board.exceptions();
-        self.board.trace_exceptions(true);
-        let tick = loop {
-            self.board.run_for(MS / 10);
-            let entered = |e: &ExceptionEvent| e.entered && e.exception == TICK_EXCEPTION;
-            if let Some(tick) = self.board.exceptions().into_iter().find(entered) {
-                break tick;
-            }
-        };
-        self.board.trace_exceptions(false);
-        tick.time_ns + TICK_NS
+        let tick_ns = self.run_to_tick(MS / 10, u64::MAX);
+        tick_ns.expect("a tick") + TICK_NS
     }
 
     /// Panics if the board has detected an error of the firmware.
