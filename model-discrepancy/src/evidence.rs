@@ -308,10 +308,9 @@ impl Linear {
         normal
     }
 
-    /// Standard deviations of the most probable weights, with the most probable process.
-    pub(crate) fn deviations(&self, evidence: &Evidence) -> Option<DVector<f64>> {
-        let covariance = Cholesky::new(self.normal(evidence).matrix)?.inverse();
-        Some(covariance.diagonal().map(f64::sqrt))
+    /// Covariance of the weights, with the most probable process.
+    pub(crate) fn covariance(&self, evidence: &Evidence) -> Option<DMatrix<f64>> {
+        Some(Cholesky::new(self.normal(evidence).matrix)?.inverse())
     }
 
     /// Weights between `weights` and the most probable ones, the nearer to these the less damping

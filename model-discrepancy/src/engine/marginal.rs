@@ -16,6 +16,10 @@ use std::rc::Rc;
 /// Standard deviation of how far a rig's law may be from its form's, with each quantity beside the
 /// residuals from its least to its largest value, and by acting in part at another scale.
 const LAW: f64 = 0.4;
+/// A law along a quantity is a sum of Legendre polynomials of degree 1, 2 and 3, whose standard
+/// deviations are these shares of [`LAW`]: those of a Gaussian process with a squared exponential
+/// covariance, as long as half of the quantity's range.
+const DEGREES: [f64; 3] = [1.0, 0.54, 0.23];
 /// An effect stands beside what is unknown in the same block if it is so many times as large: then
 /// the unknown is a hundredth of the variance.
 const STANDS: f64 = 10.0;
@@ -86,7 +90,7 @@ struct Expansion {
     shown: Vec<Shown>,
     /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
     excess: Vec<f64>,
-    /// What weights of laws along a quantity belong to: candidate, weight, quantity.
+    /// What weights of laws along a quantity belong to: candidate, its first weight, quantity.
     along: Vec<(usize, usize, Along)>,
     /// How many weights are of nominal values and parameters; those of laws' shapes follow.
     values: usize,
@@ -138,9 +142,9 @@ impl Mode {
         self.about.linear.log_density(unknown, &self.weights)
     }
 
-    /// Standard deviations of the weights.
-    fn deviations(&self) -> Option<DVector<f64>> {
-        self.about.linear.deviations(&self.evidence)
+    /// Covariance of the weights.
+    fn covariance(&self) -> Option<DMatrix<f64>> {
+        self.about.linear.covariance(&self.evidence)
     }
 
     /// The candidates that stand beside processes of these amplitudes in the blocks, and beside
@@ -171,19 +175,59 @@ struct Along {
 }
 
 impl Along {
-    /// The shape of a law of this weight, whose residuals change as an effect vanishes.
-    fn shape(self, weight: f64, deviation: f64) -> Shape {
+    /// The shape of a law of these weights, whose residuals change as an effect vanishes.
+    fn shape(self, weights: Weights) -> Shape {
         let places = (0..SHAPE_POINTS).map(|n| 2.0 * n as f64 / (SHAPE_POINTS - 1) as f64 - 1.0);
+        let degrees = places
+            .clone()
+            .map(|place| DVector::from(legendre(place).to_vec()));
+        let sd = degrees.clone().map(|degrees| {
+            let variance = degrees.dot(&(&weights.covariance * &degrees));
+            variance.max(0.0).sqrt()
+        });
         Shape {
             coordinate: self.name,
             unit: self.unit,
             at: places
-                .clone()
                 .map(|place| self.least + self.half * (1.0 + place))
                 .collect(),
-            value: places.clone().map(|place| 1.0 - weight * place).collect(),
-            sd: places.map(|place| deviation * place.abs()).collect(),
+            value: degrees
+                .map(|degrees| 1.0 - degrees.dot(&weights.mean))
+                .collect(),
+            sd: sd.collect(),
         }
+    }
+}
+
+/// Legendre polynomials of the degrees of a law, between −1 and 1; where a quantity is not known a
+/// law is its form's.
+fn legendre(place: f64) -> [f64; DEGREES.len()] {
+    if place.is_nan() {
+        return [0.0; DEGREES.len()];
+    }
+    let square = place * place;
+    [place, 1.5 * square - 0.5, (2.5 * square - 1.5) * place]
+}
+
+/// The weights of a law along one quantity.
+struct Weights {
+    mean: DVector<f64>,
+    covariance: DMatrix<f64>,
+}
+
+impl Weights {
+    fn new(mode: &Mode, covariance: &DMatrix<f64>, first: usize) -> Weights {
+        let count = DEGREES.len();
+        Weights {
+            mean: mode.evidence.weights.rows(first, count).into_owned(),
+            covariance: covariance.view((first, first), (count, count)).into_owned(),
+        }
+    }
+
+    /// How many standard deviations they are from 0, squared.
+    fn clearness(&self) -> f64 {
+        let factor = Cholesky::new(self.covariance.clone());
+        factor.map_or(0.0, |factor| self.mean.dot(&factor.solve(&self.mean)))
     }
 }
 
@@ -210,6 +254,8 @@ struct Law {
     whole: DMatrix<f64>,
     /// How they change as its law does: along quantities, then by acting at other scales.
     shapes: Vec<DMatrix<f64>>,
+    /// Standard deviations of the weights of these.
+    deviations: Vec<f64>,
     along: Vec<Along>,
 }
 
@@ -279,19 +325,17 @@ impl<M: Model> Engine<'_, M> {
         let groups = self.groups(&hypothesis.candidates);
         let modes = groups.iter().filter_map(|(blocks, candidates)| {
             let mode = self.mode_of(hypothesis, (blocks, candidates), Unknown::process(0))?;
-            let deviations = mode.deviations()?;
-            Some((mode, deviations))
+            let covariance = mode.covariance()?;
+            Some((mode, covariance))
         });
-        let modes: Vec<(Mode, DVector<f64>)> = modes.collect();
+        let modes: Vec<(Mode, DMatrix<f64>)> = modes.collect();
         let of = |candidate: &usize| {
-            let laws = modes.iter().flat_map(|(mode, deviations)| {
+            let laws = modes.iter().flat_map(|(mode, covariance)| {
                 let own = mode.about.along.iter().filter(|own| own.0 == *candidate);
-                own.map(|(_, place, along)| {
-                    (mode.evidence.weights[*place], deviations[*place], *along)
-                })
+                own.map(|(_, first, along)| (Weights::new(mode, covariance, *first), *along))
             });
-            let clearest = laws.max_by(|a, b| (a.0 / a.1).abs().total_cmp(&(b.0 / b.1).abs()));
-            clearest.map(|(weight, deviation, along)| along.shape(weight, deviation))
+            let clearest = laws.max_by(|a, b| a.0.clearness().total_cmp(&b.0.clearness()));
+            clearest.map(|(weights, along)| along.shape(weights))
         };
         hypothesis.candidates.iter().map(of).collect()
     }
@@ -306,7 +350,7 @@ impl<M: Model> Engine<'_, M> {
             let mode = self.mode_of(hypothesis, group, Unknown::process(Blocks::MAX))?;
             let nominals = self.free(&blocks);
             let x = self.coordinates(&mode.about.hypothesis, &nominals, &candidates);
-            let deviations = mode.deviations()?;
+            let deviations = mode.covariance()?.diagonal().map(f64::sqrt);
             let weights = mode.evidence.weights.iter().zip(&deviations);
             let values = x.iter().zip(weights).skip(nominals.len());
             let parameters = candidates
@@ -585,8 +629,8 @@ impl<M: Model> Engine<'_, M> {
         };
         let mut priors: Vec<Prior> = nominal.iter().map(|x| Prior::new(-x, 1.0)).collect();
         priors.extend(parameters.iter().zip(ranges).map(in_range));
-        let shapes = laws.iter().flat_map(|law| &law.shapes);
-        priors.extend(shapes.map(|_| Prior::new(0.0, LAW)));
+        let shapes = laws.iter().flat_map(|law| &law.deviations);
+        priors.extend(shapes.map(|deviation| Prior::new(0.0, *deviation)));
         priors
     }
 
@@ -663,10 +707,14 @@ impl<M: Model> Engine<'_, M> {
             problem.change(about, &moves, with)
         };
         let whole = with(&[])?.values;
-        let (mut shapes, mut along) = (Vec::new(), Vec::new());
+        let (mut shapes, mut deviations, mut along) = (Vec::new(), Vec::new(), Vec::new());
         if candidate.form_doubt > 0.0 {
-            for (own, place) in self.modulations((problem.records, blocks)) {
-                shapes.push(whole.component_mul(&place));
+            for (own, places) in self.modulations((problem.records, blocks)) {
+                for (degree, share) in DEGREES.into_iter().enumerate() {
+                    let by = places.map(|place| legendre(place)[degree]);
+                    shapes.push(whole.component_mul(&by));
+                    deviations.push(LAW * share);
+                }
                 along.push(own);
             }
             let values = effects.iter().filter(|own| own.0 == number);
@@ -684,10 +732,12 @@ impl<M: Model> Engine<'_, M> {
                 );
             }
         }
+        deviations.resize(shapes.len(), LAW);
         Some(Law {
             candidate: number,
             whole,
             shapes,
+            deviations,
             along,
         })
     }
@@ -735,13 +785,7 @@ impl<M: Model> Engine<'_, M> {
             let least = values.iter().copied().fold(f64::INFINITY, f64::min);
             let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             let half = (0.5 * (most - least)).max(f64::MIN_POSITIVE);
-            let place = |value: &f64| {
-                if value.is_nan() {
-                    0.0
-                } else {
-                    (value - least) / half - 1.0
-                }
-            };
+            let place = |value: &f64| (value - least) / half - 1.0;
             let along = Along {
                 name,
                 unit,
@@ -810,13 +854,15 @@ impl Rows {
     }
 }
 
-/// What the weights of `laws` along a quantity belong to, of which the first follows `values`.
+/// What the weights of `laws` along a quantity belong to, and the first of them, which follow
+/// `values`.
 fn places_along(values: usize, laws: &[Law]) -> Vec<(usize, usize, Along)> {
     let mut along = Vec::new();
     let mut first = values;
     for law in laws {
         let own = law.along.iter().enumerate();
-        along.extend(own.map(|(place, along)| (law.candidate, first + place, *along)));
+        let weights = |place: usize| first + place * DEGREES.len();
+        along.extend(own.map(|(place, along)| (law.candidate, weights(place), *along)));
         first += law.shapes.len();
     }
     along
