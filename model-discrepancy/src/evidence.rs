@@ -97,6 +97,7 @@ pub(crate) struct Linear {
 }
 
 /// What is left in one block, linear in weights about where these are 0.
+#[derive(Clone)]
 pub(crate) struct Remainder {
     pub(crate) rows: Rows,
     /// The weights' columns and the residual last, a column for each row.
@@ -236,12 +237,12 @@ fn grid() -> impl Iterator<Item = (f64, f64)> + Clone {
 impl Linear {
     /// Of what is left in each block. The first weights are those of nominal values, which act on
     /// `nominal_blocks`.
-    pub(crate) fn new(
-        blocks: Vec<Remainder>,
+    pub(crate) fn new<'a>(
+        blocks: impl Iterator<Item = &'a Remainder>,
         priors: Vec<Prior>,
         nominal_blocks: Vec<Blocks>,
     ) -> Linear {
-        let block = |own: Remainder| {
+        let block = |own: &Remainder| {
             let whitened =
                 grid().map(|(amplitude, time_constant_s)| own.whitened(amplitude, time_constant_s));
             // Half-normal in the amplitude; its deviation is what may be left.
@@ -256,7 +257,7 @@ impl Linear {
             }
         };
         Linear {
-            blocks: blocks.into_iter().map(block).collect(),
+            blocks: blocks.map(block).collect(),
             priors,
             nominal_blocks,
         }
@@ -280,6 +281,11 @@ impl Linear {
             half_log_determinant: -0.5 * precisions.iter().map(|p| p.ln()).sum::<f64>(),
             vector,
         }
+    }
+
+    /// The weights' priors.
+    pub(crate) fn priors(&self) -> &[Prior] {
+        &self.priors
     }
 
     /// How many weights there are.
@@ -455,7 +461,7 @@ mod tests {
             values,
             form_error,
         };
-        Linear::new(vec![remainder], priors.to_vec(), vec![1])
+        Linear::new([&remainder].into_iter(), priors.to_vec(), vec![1])
     }
 
     const PRIORS: [Prior; 2] = [Prior::new(0.4, 1.0), Prior::new(-2.0, 5.0)];
@@ -515,7 +521,8 @@ mod tests {
             }
         };
         let priors = [PRIORS[0], PRIORS[0], PRIORS[1], PRIORS[1]];
-        let both = Linear::new(vec![block(0), block(1)], priors.to_vec(), vec![1, 2]);
+        let blocks = [block(0), block(1)];
+        let both = Linear::new(blocks.iter(), priors.to_vec(), vec![1, 2]);
         let both = both.evidence(none).expect("a density").log;
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
     }

@@ -36,10 +36,13 @@ const WIDE: f64 = 0.5;
 /// Rows nearer together than this are merged into their mean \[s\]: what is left changes little in
 /// that time.
 const MERGED_S: f64 = 0.03;
-/// The evidence is expanded anew so often at most, as long as a step to the most probable values
-/// promises so many nats.
+/// The evidence is expanded anew, or a step refused, so often at most, as long as a step to the most
+/// probable values promises so many nats.
 const EXPANSIONS: usize = 12;
 const PROMISED: f64 = 1.0;
+/// An expansion is corrected so often in a row, as long as a step redeems this share of its promise.
+const CORRECTIONS: usize = 5;
+const REDEEMED: f64 = 0.5;
 /// The evidence is off by less than this share of what a step promises, as what is gained by one
 /// that a trust region takes for good is between half of its promise and twice that.
 const MISSING: f64 = 0.5;
@@ -73,6 +76,7 @@ impl Judgement {
 
 /// What a candidate does in a block that neither nominal values nor the others do, and what a sound
 /// rig and other laws of the others may leave there, in bases.
+#[derive(Clone)]
 struct Shown {
     candidate: usize,
     place: usize,
@@ -83,10 +87,21 @@ struct Shown {
 /// Blocks that stand or fall together, and the candidates on them.
 type Group<'g> = (&'g [usize], &'g [usize]);
 
+/// What is left in one block, and the rows that each of its rows merges.
+#[derive(Clone)]
+struct Left {
+    remainder: Remainder,
+    merged: Vec<Range<usize>>,
+}
+
 /// A group of a hypothesis, linear about its values.
 struct Expansion {
     hypothesis: Hypothesis,
     linear: Linear,
+    /// What `linear` is of, block by block.
+    left: Vec<Left>,
+    /// By how many steps the columns have been corrected since they were difference quotients.
+    corrections: usize,
     shown: Vec<Shown>,
     /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
     excess: Vec<f64>,
@@ -97,6 +112,65 @@ struct Expansion {
 }
 
 impl Expansion {
+    /// The group after `step`, with its columns corrected by what the step has shown: the least
+    /// change, in units of their squares, that explains it (Broyden 1965). Costs one evaluation;
+    /// none where it has no solution.
+    fn corrected<M: Model>(
+        &self,
+        engine: &Engine<M>,
+        group: Group,
+        step: &DVector<f64>,
+    ) -> Option<Expansion> {
+        let hypothesis = self.moved(engine, group, step);
+        let free = engine.free(group.0);
+        let (problem, found) = engine.found(&hypothesis, group, &free)?;
+        let before = engine.coordinates(&self.hypothesis, &free, group.1);
+        let step = &found.x - DVector::from_vec(before);
+        let values = 0..self.values;
+        let mut scale: DVector<f64> = DVector::zeros(self.values);
+        for own in &self.left {
+            let columns = own.remainder.values.rows_range(values.clone());
+            scale +=
+                DVector::from_iterator(self.values, columns.row_iter().map(|r| r.norm_squared()));
+        }
+        let along = scale.component_mul(&step);
+        let along = &along / along.dot(&step);
+        let mut left = self.left.clone();
+        for own in &mut left {
+            let columns = &mut own.remainder.values;
+            let last = columns.nrows() - 1;
+            for (row, members) in own.merged.iter().enumerate() {
+                let now = of_merged(members, |row| found.residuals.values[row]);
+                let half_width = half_width(&found.residuals.slack, members);
+                own.remainder.rows.deviation[row] = box_deviation(half_width);
+                let expected = columns[(last, row)]
+                    + values
+                        .clone()
+                        .map(|n| columns[(n, row)] * step[n])
+                        .sum::<f64>();
+                columns[(last, row)] = now;
+                if along.iter().all(|value| value.is_finite()) {
+                    for n in values.clone() {
+                        columns[(n, row)] += along[n] * (now - expected);
+                    }
+                }
+            }
+        }
+        let remainders = left.iter().map(|own| &own.remainder);
+        let mut priors = engine.priors(free.len(), &found.x, group.1);
+        priors.extend_from_slice(&self.linear.priors()[self.values..]);
+        Some(Expansion {
+            linear: Linear::new(remainders, priors, engine.places_of(&free, problem.blocks)),
+            hypothesis,
+            left,
+            corrections: self.corrections + 1,
+            shown: self.shown.clone(),
+            excess: self.excess.clone(),
+            along: self.along.clone(),
+            values: self.values,
+        })
+    }
+
     /// The hypothesis with its values moved.
     fn moved<M: Model>(
         &self,
@@ -492,17 +566,27 @@ impl<M: Model> Engine<'_, M> {
         let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
         let mut damping = 0.0;
-        for expansions in 0..=EXPANSIONS {
+        let mut left = EXPANSIONS;
+        loop {
             let density = about.linear.log_density(unknown, &weights);
             let promised = about.linear.log_density(unknown, &evidence.weights) - density;
+            let is_end = promised < PROMISED || left == 0;
+            let out_of_reach = evidence.log + MISSING * promised < floor;
+            if about.corrections > 0 && (is_end || out_of_reach) {
+                // Only difference quotients say so.
+                about = Rc::new(self.expansion(about.hypothesis.clone(), group)?);
+                evidence = about.linear.evidence(unknown)?;
+                left = left.saturating_sub(1);
+                continue;
+            }
             if promised < PROMISED {
                 break;
             }
-            if evidence.log + MISSING * promised < floor {
+            if out_of_reach {
                 missing = MISSING * promised;
                 break;
             }
-            if expansions == EXPANSIONS {
+            if left == 0 {
                 // What no step redeems is not there.
                 evidence.log -= promised;
                 break;
@@ -510,20 +594,35 @@ impl<M: Model> Engine<'_, M> {
             let step = about.linear.damped(&evidence, &weights, damping)? - &weights;
             let mut there = &weights + &step;
             there.rows_mut(0, about.values).fill(0.0);
-            let next = self.expansion(about.moved(self, group, &step), group);
-            let next = next.filter(|next| next.linear.log_density(unknown, &there) > density);
-            damping = if let Some(next) = next {
-                evidence = next.linear.evidence(unknown)?;
-                weights = there;
-                about = Rc::new(next);
-                if damping > DAMPING {
-                    damping / DAMPING_FACTOR
-                } else {
-                    0.0
+            let next = about.corrected(self, group, &step);
+            let next = next.map(|next| (next.linear.log_density(unknown, &there), next));
+            match next.filter(|(reached, _)| *reached > density) {
+                Some((reached, next)) => {
+                    let redeemed = reached - density > REDEEMED * promised;
+                    about = Rc::new(if redeemed && next.corrections <= CORRECTIONS {
+                        next
+                    } else {
+                        left -= 1;
+                        self.expansion(next.hypothesis, group)?
+                    });
+                    evidence = about.linear.evidence(unknown)?;
+                    weights = there;
+                    damping = if damping > DAMPING {
+                        damping / DAMPING_FACTOR
+                    } else {
+                        0.0
+                    };
                 }
-            } else {
-                (damping * DAMPING_FACTOR).max(DAMPING)
-            };
+                None if about.corrections > 0 => {
+                    left -= 1;
+                    about = Rc::new(self.expansion(about.hypothesis.clone(), group)?);
+                    evidence = about.linear.evidence(unknown)?;
+                }
+                None => {
+                    left -= 1;
+                    damping = (damping * DAMPING_FACTOR).max(DAMPING);
+                }
+            }
         }
         Some(Mode {
             evidence,
@@ -540,13 +639,24 @@ impl<M: Model> Engine<'_, M> {
         self.mode((fit, begin), group, unknown, f64::NEG_INFINITY)
     }
 
+    /// The residuals of a group of `hypothesis`, with its nominal values that are `free`.
+    fn found<'p>(
+        &'p self,
+        hypothesis: &Hypothesis,
+        (blocks, candidates): Group<'p>,
+        free: &'p [usize],
+    ) -> Option<(Problem<'p, M>, Found)> {
+        let x = self.coordinates(hypothesis, free, candidates);
+        let mut problem = Problem::new(self.model, blocks, free, candidates).over_all();
+        let found = at(&mut problem, DVector::from_vec(x))?;
+        Some((problem, found))
+    }
+
     /// The residuals of a group linear about `hypothesis`, and what the candidates do in its
     /// blocks.
     fn expansion(&self, hypothesis: Hypothesis, (blocks, candidates): Group) -> Option<Expansion> {
         let free = self.free(blocks);
-        let x = self.coordinates(&hypothesis, &free, candidates);
-        let mut problem = Problem::new(self.model, blocks, &free, candidates).over_all();
-        let found = at(&mut problem, DVector::from_vec(x))?;
+        let (problem, found) = self.found(&hypothesis, (blocks, candidates), &free)?;
         let values = (&hypothesis.fit.nominal[..], &hypothesis.fit.effects[..]);
         let about = About::new(self.model, &problem, &found.residuals, values)?;
         let slopes = problem.slopes_about(&found.x, &about)?.values;
@@ -554,8 +664,10 @@ impl<M: Model> Engine<'_, M> {
             .iter()
             .map(|own| self.law(blocks, &hypothesis, *own, &about))
             .collect::<Option<_>>()?;
-        let priors = self.priors(free.len(), &found.x, candidates, &laws);
-        let mut linear = Vec::new();
+        let mut priors = self.priors(free.len(), &found.x, candidates);
+        let deviations = laws.iter().flat_map(|law| &law.deviations);
+        priors.extend(deviations.map(|deviation| Prior::new(0.0, *deviation)));
+        let mut left = Vec::new();
         let mut shown = Vec::new();
         let mut excess = Vec::new();
         for (place, block) in blocks.iter().enumerate() {
@@ -593,15 +705,19 @@ impl<M: Model> Engine<'_, M> {
                 beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
             }
             excess.push(beyond_tolerance.norm());
-            linear.push(Remainder {
+            let remainder = Remainder {
                 rows,
                 values,
                 form_error: errors.iter().sum(),
-            });
+            };
+            left.push(Left { remainder, merged });
         }
+        let remainders = left.iter().map(|own| &own.remainder);
         Some(Expansion {
             values: found.x.len(),
-            linear: Linear::new(linear, priors, self.places_of(&free, blocks)),
+            linear: Linear::new(remainders, priors, self.places_of(&free, blocks)),
+            left,
+            corrections: 0,
             hypothesis,
             shown,
             excess,
@@ -610,14 +726,8 @@ impl<M: Model> Engine<'_, M> {
     }
 
     /// The priors of the steps from `x`, of which so many coordinates are of nominal values and the
-    /// rest of parameters, and of the weights of `laws`.
-    fn priors(
-        &self,
-        nominals: usize,
-        x: &DVector<f64>,
-        candidates: &[usize],
-        laws: &[Law],
-    ) -> Vec<Prior> {
+    /// rest of parameters.
+    fn priors(&self, nominals: usize, x: &DVector<f64>, candidates: &[usize]) -> Vec<Prior> {
         let (nominal, parameters) = x.as_slice().split_at(nominals);
         let all = self.model.candidates();
         let ranges = candidates
@@ -629,8 +739,6 @@ impl<M: Model> Engine<'_, M> {
         };
         let mut priors: Vec<Prior> = nominal.iter().map(|x| Prior::new(-x, 1.0)).collect();
         priors.extend(parameters.iter().zip(ranges).map(in_range));
-        let shapes = laws.iter().flat_map(|law| &law.deviations);
-        priors.extend(shapes.map(|deviation| Prior::new(0.0, *deviation)));
         priors
     }
 
@@ -1178,7 +1286,7 @@ mod tests {
                 values: DMatrix::zeros(1, 0),
                 form_error: 0.0,
             };
-            let linear = Linear::new(vec![remainder], Vec::new(), Vec::new());
+            let linear = Linear::new([&remainder].into_iter(), Vec::new(), Vec::new());
             linear.evidence(Unknown::process(0)).expect("a density").log
         };
         assert!((log(0) - log(10) - 5.0).abs() < 1e-9);
