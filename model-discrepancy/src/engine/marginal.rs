@@ -82,6 +82,29 @@ struct Shown {
     place: usize,
     size: f64,
     left: f64,
+    /// How the block's merged rows change as the candidate vanishes, but for its laws.
+    whole: Vec<f64>,
+    /// The weights of its laws.
+    laws: Range<usize>,
+}
+
+impl Shown {
+    /// Whether the residuals of the block are less than they were without the candidate and its
+    /// laws. Where an effect does something that the records do not show, and explains something in
+    /// another block, it may be another one there.
+    fn explains(&self, Remainder { rows, values, .. }: &Remainder, weights: &DVector<f64>) -> bool {
+        let sum = |column: &[f64], places: Range<usize>| -> f64 {
+            places.map(|n| weights[n] * column[n]).sum()
+        };
+        let gain = |row: usize| {
+            let column = values.column(row);
+            let column = column.as_slice();
+            let residual = sum(column, 0..weights.len()) + column[weights.len()];
+            let without = residual - sum(column, self.laws.clone()) + self.whole[row];
+            (without * without - residual * residual) / rows.deviation[row].powi(2)
+        };
+        (0..values.ncols()).map(gain).sum::<f64>() > 0.0
+    }
 }
 
 /// Blocks that stand or fall together, and the candidates on them.
@@ -225,15 +248,19 @@ impl Mode {
     /// those that have `ended`: what is beyond the end of an effect is another one, which may be in
     /// no catalogue.
     fn standing(&self, ended: &[usize], amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
+        let weights = &self.evidence.weights;
+        let explains =
+            |shown: &&Shown| shown.explains(&self.about.left[shown.place].remainder, weights);
+        let shown = || self.about.shown.iter().filter(explains);
         let has_ended = |shown: &&Shown| ended.contains(&shown.candidate);
         let unknown = |place: usize| {
-            let there = self.about.shown.iter().filter(|own| own.place == place);
+            let there = shown().filter(|own| own.place == place);
             let sizes = there.filter(has_ended).map(|shown| shown.size);
             sizes.fold(amplitude(place), f64::max)
         };
         let stands =
             |shown: &&Shown| shown.size > (STANDS * unknown(shown.place)).max(1.0 + shown.left);
-        let standing = self.about.shown.iter().filter(stands);
+        let standing = shown().filter(stands);
         let standing = standing.filter(|shown| !has_ended(shown));
         standing.map(|shown| shown.candidate).collect()
     }
@@ -684,10 +711,10 @@ impl<M: Model> Engine<'_, M> {
                 .map(|own| in_bases(&slopes.columns(own, 1).into_owned(), &rows, &merged));
             let nominal: Vec<DVector<f64>> = nominal.collect();
             let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
+            let mut first = found.x.len();
             for (number, law) in laws.iter().enumerate() {
-                if !explains(&law.whole, &values, &rows, &merged) {
-                    continue;
-                }
+                let weights = first..first + law.shapes.len();
+                first = weights.end;
                 let without = |other: &usize| *other != number;
                 let left: f64 = (0..laws.len()).filter(without).map(|n| errors[n]).sum();
                 let others = (0..laws.len()).filter(without).map(|n| &wholes[n]);
@@ -697,6 +724,8 @@ impl<M: Model> Engine<'_, M> {
                     place,
                     size: beyond(&wholes[number], &others),
                     left,
+                    whole: merged_column(&law.whole, &merged),
+                    laws: weights,
                 });
             }
             let mut beyond_tolerance =
@@ -976,24 +1005,6 @@ fn places_along(values: usize, laws: &[Law]) -> Vec<(usize, usize, Along)> {
     along
 }
 
-/// Whether the residuals of a block, the last row of `values`, are less than they were without an
-/// effect, as which vanishes they change by `whole`. Where an effect does something that the
-/// records do not show, and explains something in another block, it may be another one there.
-fn explains(
-    whole: &DMatrix<f64>,
-    values: &DMatrix<f64>,
-    rows: &Rows,
-    merged: &[Range<usize>],
-) -> bool {
-    let residuals = values.row(values.nrows() - 1);
-    let pairs = merged.iter().zip(residuals.iter()).zip(&rows.deviation);
-    let gains = pairs.map(|((members, residual), deviation)| {
-        let whole = of_merged(members, |row| whole[(row, 0)]);
-        whole * (whole + 2.0 * residual) / (deviation * deviation)
-    });
-    gains.sum::<f64>() > 0.0
-}
-
 /// Values of an effect with each of its scales larger and smaller.
 fn scaled(candidate: &Candidate, values: &[f64]) -> Vec<Vec<f64>> {
     let scales = candidate.parameters.iter().enumerate();
@@ -1032,6 +1043,12 @@ fn merged_values(
         target[weights] = of_merged(members, |row| residuals[row]);
     }
     values
+}
+
+/// A column over merged rows.
+fn merged_column(column: &DMatrix<f64>, merged: &[Range<usize>]) -> Vec<f64> {
+    let of = |members: &Range<usize>| of_merged(members, |row| column[(row, 0)]);
+    merged.iter().map(of).collect()
 }
 
 /// What several rows of equal noise are as one: their mean, in units of its own noise.
@@ -1292,19 +1309,36 @@ mod tests {
         assert!((log(0) - log(10) - 5.0).abs() < 1e-9);
     }
 
-    /// A wave in the residuals that an effect explains, and one that it adds.
+    /// A wave in the residuals that an effect explains, and one that it adds. The only weight is
+    /// that of its law, which may take that away again.
     #[test]
     fn effect_shows_only_where_it_explains_something() {
-        let rows = Rows {
-            deviation: vec![1.0; ROWS],
-            ..Rows::default()
-        };
-        let merged: Vec<Range<usize>> = (0..ROWS).map(|row| row..row + 1).collect();
-        let wave = |share: f64| DMatrix::from_fn(ROWS, 1, |row, _| share * load(row));
+        let other = |row: usize| (0.5 * row as f64).cos();
         // Without the effect the residuals were `left + whole`.
-        let explained =
-            |left: f64, whole: f64| explains(&wave(whole), &wave(left).transpose(), &rows, &merged);
-        assert!(explained(0.0, 2.0) && explained(0.5, -2.0) && explained(-0.9, 2.0));
-        assert!(!explained(-2.0, 2.0) && !explained(1.1, -2.0));
+        let explained = |left: f64, whole: f64, more: f64, weight: f64| {
+            let remainder = Remainder {
+                rows: Rows {
+                    deviation: vec![1.0; ROWS],
+                    ..Rows::default()
+                },
+                values: DMatrix::from_fn(2, ROWS, |place, row| [4.0, left][place] * load(row)),
+                form_error: 0.0,
+            };
+            let shown = Shown {
+                candidate: 0,
+                place: 0,
+                size: 1.0,
+                left: 0.0,
+                whole: (0..ROWS)
+                    .map(|row| whole * load(row) + more * other(row))
+                    .collect(),
+                laws: 0..1,
+            };
+            shown.explains(&remainder, &DVector::from_element(1, weight))
+        };
+        let by_form = |left: f64, whole: f64| explained(left, whole, 0.0, 0.0);
+        assert!(by_form(0.0, 2.0) && by_form(0.5, -2.0) && by_form(-0.9, 2.0));
+        assert!(!by_form(-2.0, 2.0) && !by_form(1.1, -2.0));
+        assert!(!explained(-4.0, 4.0, 1.0, 0.0) && explained(-4.0, 4.0, 1.0, 1.0));
     }
 }
