@@ -9,9 +9,10 @@ use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_s
 use crate::least_squares::{Residuals, at};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Standard deviation of how far a rig's law may be from its form's, with each quantity beside the
 /// residuals from its least to its largest value, and by acting in part at another scale.
@@ -228,7 +229,7 @@ struct Mode {
     evidence: Evidence,
     /// See [`Judgement`].
     missing: f64,
-    about: Rc<Expansion>,
+    about: Arc<Expansion>,
     /// The weights there, which are 0 but for those of laws.
     weights: DVector<f64>,
 }
@@ -491,7 +492,7 @@ impl<M: Model> Engine<'_, M> {
         group: Group,
         floor: f64,
     ) -> Option<Vec<Judgement>> {
-        let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
+        let fit = Arc::new(self.expansion(hypothesis.clone(), group)?);
         let blocks = 0..group.0.len();
         let of_block = |place: usize| {
             let block: Blocks = 1 << place;
@@ -550,21 +551,36 @@ impl<M: Model> Engine<'_, M> {
         Some(judgements)
     }
 
-    /// The evidence beside each of `unknowns`, about its mode.
+    /// The evidence beside each of `unknowns`, about its mode, of which the first begins at the fit
+    /// and the others where more is probable beside them: there, or at the mode of the first.
     ///
     /// Where dead zones end the residuals have corners, at which steps to a mode may stop short.
     /// That of another may lie on the other side of such a corner: there they begin again.
     fn modes(
         &self,
-        fit: &Rc<Expansion>,
+        fit: &Arc<Expansion>,
         group: Group,
         unknowns: &[Unknown],
         floor: f64,
     ) -> Vec<Option<Mode>> {
-        let begin = DVector::zeros(fit.linear.weights());
-        let mode =
-            |unknown: &Unknown| self.mode((Rc::clone(fit), begin.clone()), group, *unknown, floor);
-        let mut modes: Vec<Option<Mode>> = unknowns.iter().map(mode).collect();
+        let at_fit = || (Arc::clone(fit), DVector::zeros(fit.linear.weights()));
+        let Some((first, others)) = unknowns.split_first() else {
+            return Vec::new();
+        };
+        let first = self.mode(at_fit(), group, *first, floor);
+        let begin = |unknown: Unknown| {
+            let at_fit = at_fit();
+            let density = fit.linear.log_density(unknown, &at_fit.1);
+            let first = first.as_ref();
+            let first = first.filter(|first| first.log_density(unknown) > density);
+            first.map_or(at_fit, |first| {
+                (Arc::clone(&first.about), first.weights.clone())
+            })
+        };
+        let others = others.par_iter();
+        let others = others.map(|unknown| self.mode(begin(*unknown), group, *unknown, floor));
+        let others: Vec<Option<Mode>> = others.collect();
+        let mut modes: Vec<Option<Mode>> = std::iter::once(first).chain(others).collect();
         for (place, unknown) in unknowns.iter().enumerate() {
             let density = |own: &Mode| own.log_density(*unknown);
             let reached = modes[place].as_ref().map(density);
@@ -574,7 +590,7 @@ impl<M: Model> Engine<'_, M> {
             let Some((_, other)) = best.filter(|best| is_more(best.0)) else {
                 continue;
             };
-            let there = (Rc::clone(&other.about), other.weights.clone());
+            let there = (Arc::clone(&other.about), other.weights.clone());
             modes[place] = self.mode(there, group, *unknown, floor);
         }
         modes
@@ -585,7 +601,7 @@ impl<M: Model> Engine<'_, M> {
     /// nothing but noise, and the residuals are not linear from there to here.
     fn mode(
         &self,
-        (mut about, mut weights): (Rc<Expansion>, DVector<f64>),
+        (mut about, mut weights): (Arc<Expansion>, DVector<f64>),
         group: Group,
         unknown: Unknown,
         floor: f64,
@@ -601,7 +617,7 @@ impl<M: Model> Engine<'_, M> {
             let out_of_reach = evidence.log + MISSING * promised < floor;
             if about.corrections > 0 && (is_end || out_of_reach) {
                 // Only difference quotients say so.
-                about = Rc::new(self.expansion(about.hypothesis.clone(), group)?);
+                about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
                 evidence = about.linear.evidence(unknown)?;
                 left = left.saturating_sub(1);
                 continue;
@@ -626,7 +642,7 @@ impl<M: Model> Engine<'_, M> {
             match next.filter(|(reached, _)| *reached > density) {
                 Some((reached, next)) => {
                     let redeemed = reached - density > REDEEMED * promised;
-                    about = Rc::new(if redeemed && next.corrections <= CORRECTIONS {
+                    about = Arc::new(if redeemed && next.corrections <= CORRECTIONS {
                         next
                     } else {
                         left -= 1;
@@ -642,7 +658,7 @@ impl<M: Model> Engine<'_, M> {
                 }
                 None if about.corrections > 0 => {
                     left -= 1;
-                    about = Rc::new(self.expansion(about.hypothesis.clone(), group)?);
+                    about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
                     evidence = about.linear.evidence(unknown)?;
                 }
                 None => {
@@ -661,7 +677,7 @@ impl<M: Model> Engine<'_, M> {
 
     /// The evidence of a group of `hypothesis` beside `unknown`, about its mode wherever that is.
     fn mode_of(&self, hypothesis: &Hypothesis, group: Group, unknown: Unknown) -> Option<Mode> {
-        let fit = Rc::new(self.expansion(hypothesis.clone(), group)?);
+        let fit = Arc::new(self.expansion(hypothesis.clone(), group)?);
         let begin = DVector::zeros(fit.linear.weights());
         self.mode((fit, begin), group, unknown, f64::NEG_INFINITY)
     }
