@@ -21,6 +21,8 @@ const LAW: f64 = 0.4;
 /// deviations are these shares of [`LAW`]: those of a Gaussian process with a squared exponential
 /// covariance, as long as half of the quantity's range.
 const DEGREES: [f64; 3] = [1.0, 0.54, 0.23];
+/// No law changes the sign of an effect, or is more than all of another form.
+const LAW_RANGE: (f64, f64) = (-1.0, 1.0);
 /// An effect stands beside what is unknown in the same block if it is so many times as large: then
 /// the unknown is a hundredth of the variance.
 const STANDS: f64 = 10.0;
@@ -274,15 +276,19 @@ struct Along {
     unit: &'static str,
     least: f64,
     half: f64,
+    /// Means of the polynomials where the effect acts: a law is 1 there in the mean, as an effect's
+    /// size is a parameter of its own. Else a law could take away all of what an effect does in one
+    /// place, and be any function there.
+    means: [f64; DEGREES.len()],
 }
 
 impl Along {
     /// The shape of a law of these weights, whose residuals change as an effect vanishes.
     fn shape(self, weights: Weights) -> Shape {
         let places = (0..SHAPE_POINTS).map(|n| 2.0 * n as f64 / (SHAPE_POINTS - 1) as f64 - 1.0);
-        let degrees = places
-            .clone()
-            .map(|place| DVector::from(legendre(place).to_vec()));
+        let degrees = places.clone().map(|place| {
+            DVector::from(legendre(place).to_vec()) - DVector::from(self.means.to_vec())
+        });
         let sd = degrees.clone().map(|degrees| {
             let variance = degrees.dot(&(&weights.covariance * &degrees));
             variance.max(0.0).sqrt()
@@ -708,8 +714,7 @@ impl<M: Model> Engine<'_, M> {
             .map(|own| self.law(blocks, &hypothesis, *own, &about))
             .collect::<Option<_>>()?;
         let mut priors = self.priors(free.len(), &found.x, candidates);
-        let deviations = laws.iter().flat_map(|law| &law.deviations);
-        priors.extend(deviations.map(|deviation| Prior::new(0.0, *deviation)));
+        priors.extend(laws.iter().flat_map(Law::priors));
         let mut left = Vec::new();
         let mut shown = Vec::new();
         let mut excess = Vec::new();
@@ -744,12 +749,7 @@ impl<M: Model> Engine<'_, M> {
                     laws: weights,
                 });
             }
-            let mut beyond_tolerance =
-                DVector::zeros(rows.base.iter().filter(|b| **b > 0.0).count());
-            for (column, x) in nominal.iter().zip(found.x.iter()) {
-                beyond_tolerance += column * (x - x.clamp(-TOLERATED, TOLERATED));
-            }
-            excess.push(beyond_tolerance.norm());
+            excess.push(beyond_tolerances(&nominal, &found.x));
             let remainder = Remainder {
                 rows,
                 values,
@@ -862,10 +862,12 @@ impl<M: Model> Engine<'_, M> {
         let whole = with(&[])?.values;
         let (mut shapes, mut deviations, mut along) = (Vec::new(), Vec::new(), Vec::new());
         if candidate.form_doubt > 0.0 {
-            for (own, places) in self.modulations((problem.records, blocks)) {
+            for (mut own, places) in self.modulations((problem.records, blocks)) {
                 for (degree, share) in DEGREES.into_iter().enumerate() {
                     let by = places.map(|place| legendre(place)[degree]);
-                    shapes.push(whole.component_mul(&by));
+                    let (shape, mean) = beside(&whole, whole.component_mul(&by));
+                    own.means[degree] = mean;
+                    shapes.push(shape);
                     deviations.push(LAW * share);
                 }
                 along.push(own);
@@ -878,7 +880,7 @@ impl<M: Model> Engine<'_, M> {
                     others
                         .chain(self.other_forms((number, values)))
                         .map(|other| match with(&[other]) {
-                            Some(change) => change.values,
+                            Some(change) => beside(&whole, change.values).0,
                             // Where it has no solution, no rig has it.
                             None => DMatrix::zeros(whole.nrows(), 1),
                         }),
@@ -944,6 +946,7 @@ impl<M: Model> Engine<'_, M> {
                 unit,
                 least,
                 half,
+                means: [0.0; DEGREES.len()],
             };
             (
                 along,
@@ -1007,6 +1010,26 @@ impl Rows {
     }
 }
 
+impl Law {
+    /// The priors of its weights.
+    fn priors(&self) -> impl Iterator<Item = Prior> {
+        self.deviations.iter().map(|deviation| Prior {
+            range: LAW_RANGE,
+            ..Prior::new(0.0, *deviation)
+        })
+    }
+}
+
+/// What nominal values at `x` do beyond their tolerances, an RMS, where each does so much by a
+/// standard deviation.
+fn beyond_tolerances(nominal: &[DVector<f64>], x: &DVector<f64>) -> f64 {
+    let beyond = nominal.iter().zip(x.iter());
+    let beyond = beyond.map(|(column, x)| column * (x - x.clamp(-TOLERATED, TOLERATED)));
+    beyond
+        .reduce(|sum, own| sum + own)
+        .map_or(0.0, |sum| sum.norm())
+}
+
 /// What the weights of `laws` along a quantity belong to, and the first of them, which follow
 /// `values`.
 fn places_along(values: usize, laws: &[Law]) -> Vec<(usize, usize, Along)> {
@@ -1019,6 +1042,17 @@ fn places_along(values: usize, laws: &[Law]) -> Vec<(usize, usize, Along)> {
         first += law.shapes.len();
     }
     along
+}
+
+/// What of `shape` is not in proportion to `whole`, and the share of that in it.
+fn beside(whole: &DMatrix<f64>, shape: DMatrix<f64>) -> (DMatrix<f64>, f64) {
+    let square = whole.norm_squared();
+    let share = if square > 0.0 {
+        shape.dot(whole) / square
+    } else {
+        0.0
+    };
+    (shape - share * whole, share)
 }
 
 /// Values of an effect with each of its scales larger and smaller.
@@ -1184,8 +1218,7 @@ mod tests {
         shape * (size - 1.0 - 0.3 * load(row)) + noise
     }
 
-    #[test]
-    fn a_shape_is_found_that_no_form_has() {
+    fn sized_waves() -> Candidate {
         let size = Parameter {
             name: "size",
             unit: "",
@@ -1195,15 +1228,20 @@ mod tests {
             neutral: Some(0.0),
             ends: [false; 2],
         };
+        Candidate {
+            effect: "waves",
+            form: "waves",
+            parameters: vec![size],
+            blocks: vec![0],
+            form_doubt: 0.05,
+        }
+    }
+
+    #[test]
+    fn a_shape_is_found_that_no_form_has() {
         let model = Rows30 {
             nominal_blocks: vec![vec![0]],
-            candidates: vec![Candidate {
-                effect: "waves",
-                form: "waves",
-                parameters: vec![size],
-                blocks: vec![0],
-                form_doubt: 0.05,
-            }],
+            candidates: vec![sized_waves()],
             residual: modulated,
         };
         let engine = Engine::new(&model);
@@ -1274,6 +1312,75 @@ mod tests {
         };
         let (short, right) = (log_evidence([2.601, -1.0]), log_evidence([2.601, 2.0]));
         assert!(short > right - PROMISED, "{short}, {right}");
+    }
+
+    /// An effect that acts at one end of a quantity only.
+    fn placed(row: usize, nominal: &[f64], effects: &[Active]) -> f64 {
+        let size: f64 = effects.iter().map(|(_, values)| values[0]).sum();
+        let acts = if load(row) < -0.8 {
+            40.0 * (1.0 + load(row))
+        } else {
+            0.0
+        };
+        acts * (size - 1.0) + (7.3 * row as f64).sin() + 0.01 * nominal[0]
+    }
+
+    /// Where an effect acts, a law has no part in proportion to it: it could be any function there,
+    /// of an effect of any size.
+    #[test]
+    fn no_law_takes_away_what_an_effect_does_in_one_place() {
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![sized_waves()],
+            residual: placed,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        let expansion = engine.expansion(fitted, (&[0], &[0])).expect("residuals");
+        let shown = &expansion.shown[0];
+        let whole = DVector::from_vec(shown.whole.clone());
+        assert!(shown.laws.len() >= DEGREES.len() && whole.norm() > 10.0);
+        for law in shown.laws.clone() {
+            let shape = expansion.left[0].remainder.values.row(law).transpose();
+            // Only about, as rows are merged; Legendre's by themselves have a share of 0.5 to 0.9.
+            assert!(shape.dot(&whole).abs() < 0.05 * whole.norm_squared());
+            assert!(shape.norm() < 0.2 * whole.norm());
+        }
+    }
+
+    /// A nominal value that acts the more the larger it is.
+    fn curved(row: usize, nominal: &[f64], _: &[Active]) -> f64 {
+        let wave = (7.3 * row as f64).sin();
+        5.0 * load(row) * (nominal[0] + 0.4 * nominal[0].powi(2)) + wave * (1.0 + nominal[1])
+    }
+
+    /// The corrected columns say of the step what it has shown, and of ways across it what they did.
+    #[test]
+    fn a_corrected_expansion_agrees_with_its_step() {
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0], vec![0]],
+            candidates: Vec::new(),
+            residual: curved,
+        };
+        let engine = Engine::new(&model);
+        let mut hypothesis = engine.hypothesis(&[]).expect("a fit");
+        hypothesis.fit.nominal = vec![0.5, 0.0];
+        let group = (&[0][..], &[][..]);
+        let before = engine.expansion(hypothesis, group).expect("residuals");
+        let step = DVector::from_vec(vec![0.3, 0.0]);
+        let after = before.corrected(&engine, group, &step).expect("residuals");
+        let fresh = engine
+            .expansion(after.hypothesis.clone(), group)
+            .expect("residuals");
+        let [before, after, fresh] =
+            [&before, &after, &fresh].map(|own| &own.left[0].remainder.values);
+        let far = |a: f64, b: f64| (a - b).abs() > 1e-6;
+        for row in 0..before.ncols() {
+            let [was, is, expected] = [before, after, fresh].map(|own| own[(2, row)]);
+            assert!(!far(is, expected));
+            assert!(!far(is - was, 0.3 * after[(0, row)]));
+            assert!(!far(before[(1, row)], after[(1, row)]));
+        }
     }
 
     /// A weight that rests, and of which friction takes up a part in one place and another part in
