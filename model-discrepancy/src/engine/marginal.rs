@@ -39,11 +39,12 @@ const WIDE: f64 = 0.5;
 /// Rows nearer together than this are merged into their mean \[s\]: what is left changes little in
 /// that time.
 const MERGED_S: f64 = 0.03;
-/// The evidence is expanded anew, or a step refused, so often at most, as long as a step to the most
-/// probable values promises so many nats.
+/// The evidence is expanded anew, or a step refused, so often at most, as long as a step to the
+/// most probable values promises so many nats.
 const EXPANSIONS: usize = 12;
 const PROMISED: f64 = 1.0;
-/// An expansion is corrected so often in a row, as long as a step redeems this share of its promise.
+/// An expansion is corrected so often in a row, as long as a step redeems this share of its
+/// promise.
 const CORRECTIONS: usize = 5;
 const REDEEMED: f64 = 0.5;
 /// The evidence is off by less than this share of what a step promises, as what is gained by one
@@ -1354,7 +1355,8 @@ mod tests {
         5.0 * load(row) * (nominal[0] + 0.4 * nominal[0].powi(2)) + wave * (1.0 + nominal[1])
     }
 
-    /// The corrected columns say of the step what it has shown, and of ways across it what they did.
+    /// The corrected columns say of the step what it has shown, and of ways across it what they
+    /// did.
     #[test]
     fn a_corrected_expansion_agrees_with_its_step() {
         let model = Rows30 {
