@@ -93,9 +93,9 @@ struct Shown {
 }
 
 impl Shown {
-    /// Whether the residuals of the block, with laws of these `weights`, are less than they were
-    /// without the candidate and its laws. Where an effect does something that the records do not
-    /// show, and explains something in another block, it may be another one there.
+    /// Whether the residuals of the block are less than they were without the candidate and its
+    /// laws. Where an effect does something that the records do not show, and explains something in
+    /// another block, it may be another one there.
     fn explains(&self, Remainder { rows, values, .. }: &Remainder, weights: &DVector<f64>) -> bool {
         let sum = |column: &[f64], places: Range<usize>| -> f64 {
             places.map(|n| weights[n] * column[n]).sum()
@@ -252,21 +252,19 @@ impl Mode {
     /// those that have `ended`: what is beyond the end of an effect is another one, which may be in
     /// no catalogue.
     fn standing(&self, ended: &[usize], amplitude: impl Fn(usize) -> f64) -> Vec<usize> {
-        // Of the values' steps nobody says how much is a candidate's.
-        let mut weights = self.evidence.weights.clone();
-        weights.rows_mut(0, self.about.values).fill(0.0);
+        let weights = &self.evidence.weights;
         let explains =
-            |shown: &&Shown| shown.explains(&self.about.left[shown.place].remainder, &weights);
-        let shown: Vec<&Shown> = self.about.shown.iter().filter(explains).collect();
-        let has_ended = |shown: &&&Shown| ended.contains(&shown.candidate);
+            |shown: &&Shown| shown.explains(&self.about.left[shown.place].remainder, weights);
+        let shown = || self.about.shown.iter().filter(explains);
+        let has_ended = |shown: &&Shown| ended.contains(&shown.candidate);
         let unknown = |place: usize| {
-            let there = shown.iter().filter(|own| own.place == place);
+            let there = shown().filter(|own| own.place == place);
             let sizes = there.filter(has_ended).map(|shown| shown.size);
             sizes.fold(amplitude(place), f64::max)
         };
         let stands =
-            |shown: &&&Shown| shown.size > (STANDS * unknown(shown.place)).max(1.0 + shown.left);
-        let standing = shown.iter().filter(stands);
+            |shown: &&Shown| shown.size > (STANDS * unknown(shown.place)).max(1.0 + shown.left);
+        let standing = shown().filter(stands);
         let standing = standing.filter(|shown| !has_ended(shown));
         standing.map(|shown| shown.candidate).collect()
     }
@@ -615,70 +613,66 @@ impl<M: Model> Engine<'_, M> {
         unknown: Unknown,
         floor: f64,
     ) -> Option<Mode> {
-        let density =
-            |own: &Expansion, weights: &DVector<f64>| own.linear.log_density(unknown, weights);
         let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
         let mut damping = 0.0;
-        let mut expansions_left = EXPANSIONS;
-        // The last place whose columns are difference quotients.
-        let mut anchor = (Arc::clone(&about), weights.clone());
+        let mut left = EXPANSIONS;
         loop {
-            let reached = density(&about, &weights);
-            let promised = density(&about, &evidence.weights) - reached;
+            let density = about.linear.log_density(unknown, &weights);
+            let promised = about.linear.log_density(unknown, &evidence.weights) - density;
+            let is_end = promised < PROMISED || left == 0;
             let out_of_reach = evidence.log + MISSING * promised < floor;
-            let is_end = promised < PROMISED || out_of_reach || expansions_left == 0;
-            if is_end && about.corrections == 0 {
-                if promised >= PROMISED && out_of_reach {
-                    missing = MISSING * promised;
-                } else if promised >= PROMISED {
-                    // What no step redeems is not there.
-                    evidence.log -= promised;
-                }
+            if about.corrections > 0 && (is_end || out_of_reach) {
+                // Only difference quotients say so.
+                about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
+                evidence = about.linear.evidence(unknown)?;
+                left = left.saturating_sub(1);
+                continue;
+            }
+            if promised < PROMISED {
                 break;
             }
-            // Only difference quotients say that it is the end.
-            let aim = (!is_end).then(|| about.linear.damped(&evidence, &weights, damping));
-            let next = aim.flatten().and_then(|mut there| {
-                let step = &there - &weights;
-                there.rows_mut(0, about.values).fill(0.0);
-                let next = about.corrected(self, group, &step)?;
-                let gain = density(&next, &there) - reached;
-                let is_good = gain > REDEEMED * promised && next.corrections <= CORRECTIONS;
-                Some((next, there, is_good)).filter(|_| gain > 0.0)
-            });
-            let is_new = next.as_ref().is_none_or(|(_, _, is_good)| !is_good);
-            expansions_left = expansions_left.saturating_sub(usize::from(is_new));
-            let anew = |own: &Expansion, there: &DVector<f64>, least: f64| {
-                let fresh = self.expansion(own.hypothesis.clone(), group);
-                fresh.filter(|fresh| density(fresh, there) > least)
-            };
-            let found = match next {
-                Some((next, there, true)) => Some((next, there)),
-                Some((next, there, false)) => {
-                    anew(&next, &there, reached).map(|fresh| (fresh, there))
+            if out_of_reach {
+                missing = MISSING * promised;
+                break;
+            }
+            if left == 0 {
+                // What no step redeems is not there.
+                evidence.log -= promised;
+                break;
+            }
+            let step = about.linear.damped(&evidence, &weights, damping)? - &weights;
+            let mut there = &weights + &step;
+            there.rows_mut(0, about.values).fill(0.0);
+            let next = about.corrected(self, group, &step);
+            let next = next.map(|next| (next.linear.log_density(unknown, &there), next));
+            match next.filter(|(reached, _)| *reached > density) {
+                Some((reached, next)) => {
+                    let redeemed = reached - density > REDEEMED * promised;
+                    about = Arc::new(if redeemed && next.corrections <= CORRECTIONS {
+                        next
+                    } else {
+                        left -= 1;
+                        self.expansion(next.hypothesis, group)?
+                    });
+                    evidence = about.linear.evidence(unknown)?;
+                    weights = there;
+                    damping = if damping > DAMPING {
+                        damping / DAMPING_FACTOR
+                    } else {
+                        0.0
+                    };
                 }
                 None if about.corrections > 0 => {
-                    let least = density(&anchor.0, &anchor.1);
-                    anew(&about, &weights, least).map(|fresh| (fresh, weights.clone()))
+                    left -= 1;
+                    about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
+                    evidence = about.linear.evidence(unknown)?;
                 }
-                None => None,
-            };
-            if let Some((next, there)) = found {
-                (about, weights) = (Arc::new(next), there);
-                damping = if damping > DAMPING {
-                    damping / DAMPING_FACTOR
-                } else {
-                    0.0
-                };
-            } else {
-                (about, weights) = anchor.clone();
-                damping = (damping * DAMPING_FACTOR).max(DAMPING);
+                None => {
+                    left -= 1;
+                    damping = (damping * DAMPING_FACTOR).max(DAMPING);
+                }
             }
-            if about.corrections == 0 {
-                anchor = (Arc::clone(&about), weights.clone());
-            }
-            evidence = about.linear.evidence(unknown)?;
         }
         Some(Mode {
             evidence,
