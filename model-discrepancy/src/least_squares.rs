@@ -170,15 +170,13 @@ impl Slopes {
         (outside.component_mul(&roots), slopes)
     }
 
-    /// Corrects the slopes by what the step between two points has shown: the least change, in
-    /// units of `scale`, that explains it (Broyden 1965). Whether it could.
+    /// Corrects the slopes by what the step between two points has shown (see [`broyden`]). Whether
+    /// it could.
     fn correct(&mut self, from: &Found, to: &Found, scale: &DVector<f64>) -> bool {
         let step = &to.x - &from.x;
-        let along = scale.component_mul(&step);
-        let along = &along / along.dot(&step);
-        if along.iter().any(|value| !value.is_finite()) {
+        let Some(along) = broyden(scale, &step) else {
             return false;
-        }
+        };
         let correct = |slopes: &mut DMatrix<f64>, from: &[f64], to: &[f64]| {
             let moved = from.iter().zip(to).map(|(from, to)| to - from);
             let missed = DVector::from_iterator(from.len(), moved) - &*slopes * &step;
@@ -202,6 +200,14 @@ impl Slopes {
             slack: join(&self.slack, &more.slack),
         }
     }
+}
+
+/// By how much each slope changes for each unit that `step` was missed by: the least change, in
+/// units of `scale`, that explains it (Broyden 1965). None where the step tells nothing.
+pub(crate) fn broyden(scale: &DVector<f64>, step: &DVector<f64>) -> Option<DVector<f64>> {
+    let along = scale.component_mul(step);
+    let along = &along / along.dot(step);
+    along.iter().all(|value| value.is_finite()).then_some(along)
 }
 
 /// A prior on one coordinate: its residual, and the slope of that.

@@ -6,7 +6,7 @@ use super::{
     START_FACTOR,
 };
 use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
-use crate::least_squares::{Residuals, at};
+use crate::least_squares::{Residuals, at, broyden};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -80,7 +80,6 @@ impl Judgement {
 
 /// What a candidate does in a block that neither nominal values nor the others do, and what a sound
 /// rig and other laws of the others may leave there, in bases.
-#[derive(Clone)]
 struct Shown {
     candidate: usize,
     place: usize,
@@ -129,7 +128,7 @@ struct Expansion {
     left: Vec<Left>,
     /// By how many steps the columns have been corrected since they were difference quotients.
     corrections: usize,
-    shown: Vec<Shown>,
+    shown: Arc<[Shown]>,
     /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
     excess: Vec<f64>,
     /// What weights of laws along a quantity belong to: candidate, its first weight, quantity.
@@ -139,9 +138,9 @@ struct Expansion {
 }
 
 impl Expansion {
-    /// The group after `step`, with its columns corrected by what the step has shown: the least
-    /// change, in units of their squares, that explains it (Broyden 1965). Costs one evaluation;
-    /// none where it has no solution.
+    /// The group after `step`, with the columns of its values corrected by what the step has shown
+    /// (see [`broyden`]); laws, what is shown and which rows count stay as they were. Costs one
+    /// evaluation; none where it has no solution.
     fn corrected<M: Model>(
         &self,
         engine: &Engine<M>,
@@ -150,7 +149,7 @@ impl Expansion {
     ) -> Option<Expansion> {
         let hypothesis = self.moved(engine, group, step);
         let free = engine.free(group.0);
-        let (problem, found) = engine.found(&hypothesis, group, &free)?;
+        let (_, found) = engine.found(&hypothesis, group, &free)?;
         let before = engine.coordinates(&self.hypothesis, &free, group.1);
         let step = &found.x - DVector::from_vec(before);
         let values = 0..self.values;
@@ -160,8 +159,7 @@ impl Expansion {
             scale +=
                 DVector::from_iterator(self.values, columns.row_iter().map(|r| r.norm_squared()));
         }
-        let along = scale.component_mul(&step);
-        let along = &along / along.dot(&step);
+        let along = broyden(&scale, &step);
         let mut left = self.left.clone();
         for own in &mut left {
             let columns = &mut own.remainder.values;
@@ -176,7 +174,7 @@ impl Expansion {
                         .map(|n| columns[(n, row)] * step[n])
                         .sum::<f64>();
                 columns[(last, row)] = now;
-                if along.iter().all(|value| value.is_finite()) {
+                if let Some(along) = &along {
                     for n in values.clone() {
                         columns[(n, row)] += along[n] * (now - expected);
                     }
@@ -187,11 +185,11 @@ impl Expansion {
         let mut priors = engine.priors(free.len(), &found.x, group.1);
         priors.extend_from_slice(&self.linear.priors()[self.values..]);
         Some(Expansion {
-            linear: Linear::new(remainders, priors, engine.places_of(&free, problem.blocks)),
+            linear: Linear::new(remainders, priors, engine.places_of(&free, group.0)),
             hypothesis,
             left,
             corrections: self.corrections + 1,
-            shown: self.shown.clone(),
+            shown: Arc::clone(&self.shown),
             excess: self.excess.clone(),
             along: self.along.clone(),
             values: self.values,
@@ -255,17 +253,16 @@ impl Mode {
         let weights = &self.evidence.weights;
         let explains =
             |shown: &&Shown| shown.explains(&self.about.left[shown.place].remainder, weights);
-        let shown = || self.about.shown.iter().filter(explains);
-        let has_ended = |shown: &&Shown| ended.contains(&shown.candidate);
+        let shown = self.about.shown.iter().filter(explains);
+        let (ended, open): (Vec<&Shown>, Vec<&Shown>) =
+            shown.partition(|shown| ended.contains(&shown.candidate));
         let unknown = |place: usize| {
-            let there = shown().filter(|own| own.place == place);
-            let sizes = there.filter(has_ended).map(|shown| shown.size);
-            sizes.fold(amplitude(place), f64::max)
+            let there = ended.iter().filter(|own| own.place == place);
+            there.map(|own| own.size).fold(amplitude(place), f64::max)
         };
         let stands =
             |shown: &&Shown| shown.size > (STANDS * unknown(shown.place)).max(1.0 + shown.left);
-        let standing = shown().filter(stands);
-        let standing = standing.filter(|shown| !has_ended(shown));
+        let standing = open.into_iter().filter(stands);
         standing.map(|shown| shown.candidate).collect()
     }
 }
@@ -308,8 +305,7 @@ impl Along {
     }
 }
 
-/// Legendre polynomials of the degrees of a law, between −1 and 1; where a quantity is not known a
-/// law is its form's.
+/// Legendre polynomials of the degrees of a law, between −1 and 1; 0 where a quantity is not known.
 fn legendre(place: f64) -> [f64; DEGREES.len()] {
     if place.is_nan() {
         return [0.0; DEGREES.len()];
@@ -765,7 +761,7 @@ impl<M: Model> Engine<'_, M> {
             left,
             corrections: 0,
             hypothesis,
-            shown,
+            shown: shown.into(),
             excess,
             along: places_along(found.x.len(), &laws),
         })
