@@ -164,6 +164,8 @@ pub(super) struct Prepared {
     /// drives the muscle's memory. Of those a Bouc–Wen hysteresis would forget a third of its force
     /// in a second at rest.
     pub(super) smooth: Record,
+    /// Of each row: the pressure with less noise \[Pa\], where it is smooth.
+    pub(super) smooth_pressure_pa: Vec<f64>,
     /// Rows of `gas` from one of which to the next it is simulated; none without it.
     pub(super) gas_told: Vec<usize>,
     pub(super) noise: Noise,
@@ -339,6 +341,7 @@ impl Prepared {
                 .then(|| with_columns(record, &OF_GAS)),
             smooth: measured.clone(),
             measured,
+            smooth_pressure_pa: Vec::new(),
             gas_told: Vec::new(),
             noise,
             places: Vec::new(),
@@ -476,9 +479,11 @@ impl Prepared {
         let least = SHORT_NOISES * self.noise.contraction;
         self.smooth
             .set(CONTRACTION, without_short_ways(&smooth, least));
+        let pressure_pa = record.column(PRESSURE_PA).unwrap_or_default();
+        self.smooth_pressure_pa = smoothed(record.time_s(), pressure_pa, self.noise.pressure_pa);
         if let Some(gas) = &mut self.gas {
             gas.set(CONTRACTION, smooth);
-            self.gas_told = gas_told(gas, &self.noise);
+            self.gas_told = gas_told(gas, &self.smooth_pressure_pa, &self.noise);
         }
     }
 

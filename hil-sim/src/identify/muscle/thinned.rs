@@ -1,7 +1,6 @@
 //! A record with no more rows than tell something: all others would only cost time.
 
 use super::prepared::Noise;
-use super::smoothed::smoothed;
 use crate::record::{
     CONTRACTION, FORCE_N, PRESSURE_PA, PRESSURE_REF_PA, Record, SUPPLY_PA, VALVE_OPEN,
 };
@@ -46,16 +45,16 @@ fn switches(record: &Record, row: usize) -> bool {
     held.any(|values| values[row] != values[row - 1] && !values[row].is_nan())
 }
 
-/// Rows of `gas`, whose contraction is smooth, from one of which to the next it may be simulated,
-/// and its pressure is a straight line within a part of its noise: all but those at rest between
-/// two changes of the reference. All where something is missing or the supply moves.
-pub(super) fn gas_told(gas: &Record, noise: &Noise) -> Vec<usize> {
+/// Rows of `gas`, whose contraction is smooth as is `pressure_pa`, from one of which to the next it
+/// may be simulated, and its pressure is a straight line within a part of its noise: all but those
+/// at rest between two changes of the reference. All where something is missing or the supply
+/// moves.
+pub(super) fn gas_told(gas: &Record, pressure_pa: &[f64], noise: &Noise) -> Vec<usize> {
     let time_s = gas.time_s();
-    let column = |name| gas.column(name).unwrap_or_default();
-    let pressure_pa = smoothed(time_s, column(PRESSURE_PA), noise.pressure_pa);
+    let contraction = gas.column(CONTRACTION).unwrap_or_default();
     let signals = [
-        (&pressure_pa[..], noise.pressure_pa),
-        (column(CONTRACTION), noise.contraction),
+        (pressure_pa, noise.pressure_pa),
+        (contraction, noise.contraction),
     ];
     let known = |(values, _): &(&[f64], f64)| {
         values.len() == time_s.len() && values.iter().all(|value| value.is_finite())
