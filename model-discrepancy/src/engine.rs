@@ -764,6 +764,14 @@ impl<'a, M: Model> Engine<'a, M> {
         groups.collect()
     }
 
+    /// The blocks of the groups of `candidates` that `another` touches.
+    pub(crate) fn touched(&self, candidates: &[usize], another: usize) -> Vec<usize> {
+        let own = &self.model.candidates()[another].blocks;
+        let groups = self.groups(candidates).into_iter();
+        let touched = groups.filter(|(blocks, _)| own.iter().any(|block| blocks.contains(block)));
+        touched.flat_map(|(blocks, _)| blocks).collect()
+    }
+
     /// Fits the blocks' residuals with `candidates`; `None` without a solution.
     fn group(&self, blocks: &[usize], candidates: &[usize]) -> Option<Fit> {
         let key = (blocks.to_vec(), candidates.to_vec());

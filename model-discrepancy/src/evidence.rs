@@ -11,7 +11,7 @@
 //! and B.2). It is summed over a grid of processes with their prior.
 
 use super::rows::Rows;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// A set of blocks, a bit for each.
 pub type Blocks = u32;
@@ -22,6 +22,8 @@ const AMPLITUDES: [f64; 8] = [0.3, 0.75, 1.9, 4.7, 11.7, 29.0, 73.0, 183.0];
 const TIME_CONSTANTS_S: [f64; 3] = [0.1, 1.0, 10.0];
 /// Standard deviation of a nominal value of which the tolerance tells nothing, in those of it.
 const OUTSIDE: f64 = 6.0;
+/// Share of a column that rounding leaves of it.
+const ROUNDING: f64 = 1e-9;
 /// Passes over the blocks until no process changes.
 const PASSES: usize = 4;
 
@@ -165,6 +167,12 @@ impl Normal {
         let square =
             self.square - 2.0 * self.vector.dot(weights) + (&self.matrix * weights).dot(weights);
         -0.5 * square - self.half_log_determinant
+    }
+
+    /// The most probable weights in the range of their `priors`.
+    fn most_probable(&self, priors: &[Prior]) -> Option<DVector<f64>> {
+        let factor = Cholesky::new(self.matrix.clone())?;
+        self.in_range(factor.solve(&self.vector), priors)
     }
 
     /// Log evidence, but for the prior's normalization, and the most probable weights in the range
@@ -331,6 +339,36 @@ impl Linear {
         Some(normal.solved(&self.priors)?.1)
     }
 
+    /// What is left of `blocks`, which these are, beside the most probable weights.
+    pub(crate) fn beside<'a>(
+        &self,
+        evidence: &Evidence,
+        blocks: impl Iterator<Item = &'a Remainder>,
+    ) -> Option<Beside> {
+        let with_residual = evidence.weights.clone().push(1.0);
+        let whitener = |(own, place): (&Remainder, &usize)| {
+            let process = grid().nth(*place)?;
+            let (columns, _) = own.rows.whitened(own.values.clone(), process.0, process.1);
+            Some(Whitener {
+                remainder: own.clone(),
+                process,
+                residual: columns.tr_mul(&with_residual),
+                columns: columns.remove_row(evidence.weights.len()),
+            })
+        };
+        let normal = self.normal(evidence);
+        Some(Beside {
+            blocks: blocks
+                .zip(&evidence.places)
+                .map(whitener)
+                .collect::<Option<_>>()?,
+            priors: self.priors.clone(),
+            prior: self.prior(evidence.unknown.outside),
+            log_density: normal.log_density(&evidence.weights),
+            factor: Cholesky::new(normal.matrix)?,
+        })
+    }
+
     /// The evidence beside an unknown.
     pub(crate) fn evidence(&self, unknown: Unknown) -> Option<Evidence> {
         let prior = self.prior(unknown.outside);
@@ -379,6 +417,68 @@ impl Linear {
             unknown,
             places,
         })
+    }
+}
+
+/// What is left of some blocks beside their most probable weights and processes, for what is not
+/// among these.
+pub(crate) struct Beside {
+    blocks: Vec<Whitener>,
+    priors: Vec<Prior>,
+    prior: Normal,
+    /// Of the normal equations, and the log density at their solution.
+    factor: Cholesky<f64, Dyn>,
+    log_density: f64,
+}
+
+/// One block with its most probable process.
+struct Whitener {
+    remainder: Remainder,
+    /// Amplitude and time constant.
+    process: (f64, f64),
+    /// The whitened columns, a column for each row, and the residual there.
+    columns: DMatrix<f64>,
+    residual: DVector<f64>,
+}
+
+impl Beside {
+    /// By how much the log density grows with a weight of `columns`, the rows of each block, that
+    /// has no prior, and the weight; all others move with it.
+    pub(crate) fn gain(&self, columns: impl Iterator<Item = Vec<f64>>) -> (f64, f64) {
+        let (mut square, mut pull) = (0.0, 0.0);
+        let mut shared = DVector::zeros(self.priors.len());
+        for (block, column) in self.blocks.iter().zip(columns) {
+            let column = DMatrix::from_row_slice(1, column.len(), &column);
+            let (amplitude, time_constant_s) = block.process;
+            let rows = &block.remainder.rows;
+            let (whitened, _) = rows.whitened(column, amplitude, time_constant_s);
+            let own = whitened.row(0).transpose();
+            square += own.norm_squared();
+            pull -= own.dot(&block.residual);
+            shared += &block.columns * own;
+        }
+        let alone = square - shared.dot(&self.factor.solve(&shared));
+        // What the others do as well has no way of its own but rounding.
+        if alone <= ROUNDING * square {
+            return (0.0, 0.0);
+        }
+        (0.5 * pull * pull / alone, pull / alone)
+    }
+
+    /// By how much the log density grows if residuals and their deviations are these in the rows of
+    /// each block, and all weights move.
+    pub(crate) fn gain_of(&self, rows: impl Iterator<Item = (Vec<f64>, Vec<f64>)>) -> Option<f64> {
+        let mut normal = self.prior.clone();
+        for (block, (residual, deviation)) in self.blocks.iter().zip(rows) {
+            let mut remainder = block.remainder.clone();
+            let last = remainder.values.nrows() - 1;
+            let residual = DVector::from_vec(residual).transpose();
+            remainder.values.set_row(last, &residual);
+            remainder.rows.deviation = deviation;
+            normal.add(&remainder.whitened(block.process.0, block.process.1));
+        }
+        let weights = normal.most_probable(&self.priors)?;
+        Some(normal.log_density(&weights) - self.log_density)
     }
 }
 
@@ -525,6 +625,63 @@ mod tests {
         let both = Linear::new(blocks.iter(), priors.to_vec(), vec![1, 2]);
         let both = both.evidence(none).expect("a density").log;
         assert!((both - 2.0 * own).abs() < 1e-8, "{both}, {own}");
+    }
+
+    /// What a column promises beside others is what the log density grows by with that among them;
+    /// and what is off in residuals and dead zones is what it falls by.
+    #[test]
+    fn what_is_beside_counts_as_if_it_was_among_the_weights() {
+        let none = Unknown::process(0);
+        let (one, other, more, residual) = (wave(0.3), wave(1.1), wave(0.55), wave(0.9));
+        let remainder = |columns: usize, share: f64, wider: f64| {
+            let values = DMatrix::from_fn(columns + 1, COUNT, |place, row| match place {
+                place if place == columns => 3.0 * residual(row) + share * more(row),
+                0 => one(row),
+                1 => other(row),
+                _ => more(row),
+            });
+            let mut rows = rows();
+            rows.deviation.iter_mut().for_each(|own| *own += wider);
+            Remainder {
+                rows,
+                values,
+                form_error: 0.0,
+            }
+        };
+        let of = |remainder: &Remainder, priors: &[Prior]| {
+            Linear::new([remainder].into_iter(), priors.to_vec(), vec![1])
+        };
+        let base = remainder(2, 5.0, 0.0);
+        let linear = of(&base, &PRIORS);
+        let evidence = linear.evidence(none).expect("a density");
+        let beside = linear
+            .beside(&evidence, [&base].into_iter())
+            .expect("equations");
+        // With the most probable process, at the most probable weights.
+        let density = |linear: &Linear| {
+            let normal = linear.normal(&evidence);
+            let weights = normal.most_probable(&linear.priors).expect("weights");
+            (normal.log_density(&weights), weights)
+        };
+        let alone = density(&linear).0;
+        let (gain, weight) = beside.gain([(0..COUNT).map(&more).collect()].into_iter());
+        let any = [PRIORS[0], PRIORS[1], Prior::new(0.0, 1e6)];
+        let (among, weights) = density(&of(&remainder(3, 5.0, 0.0), &any));
+        // The prior's own density was left out.
+        let expected = among - alone + 1e6_f64.ln();
+        assert!(
+            gain > 1.0 && (gain - expected).abs() < 1e-6,
+            "{gain}, {expected}"
+        );
+        assert!((weight - weights[2]).abs() < 1e-6, "{weight}, {weights}");
+        let off = remainder(2, 5.7, 0.2);
+        let rows = (
+            off.values.row(2).iter().copied().collect(),
+            off.rows.deviation.clone(),
+        );
+        let found = beside.gain_of([rows].into_iter()).expect("a density");
+        let expected = density(&of(&off, &PRIORS)).0 - alone;
+        assert!((found - expected).abs() < 1e-9, "{found}, {expected}");
     }
 
     /// A weight that the data want beyond its range is held there, and the others follow: the

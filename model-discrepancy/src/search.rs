@@ -301,8 +301,11 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             return true;
         }
         let promises = self.engine.promises(best).unwrap_or_default();
-        let mut promises = promises.iter().enumerate();
-        promises.all(|(candidate, promise)| *promise < self.worth_a_fit(candidate))
+        let least = |candidate: usize| self.worth_a_fit(candidate);
+        let doubted = (0..promises.len()).filter(|c| promises[*c] >= least(*c));
+        let doubted: Vec<usize> = doubted.collect();
+        let is_promising = self.engine.is_promising(best, &doubted, least);
+        !is_promising.unwrap_or(true)
     }
 
     /// Of sets in order of preference, the first `count` that differ in their names.
@@ -362,20 +365,23 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         let Some(promises) = known.and_then(|known| self.engine.promises(known)) else {
             return Vec::new();
         };
+        let own = self.names(leader);
         let mut order: Vec<usize> = (0..promises.len()).collect();
-        order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
         order.retain(|candidate| {
             let blocks = &self.engine.model.candidates()[*candidate].blocks;
-            let certain = blocks
-                .iter()
-                .all(|block| self.engine.model.proportional(*block));
-            let name = self.name(*candidate);
-            let mut own = leader.iter().map(|own| self.name(*own));
-            let new = !own.any(|own| own == name);
-            new && (promises[*candidate] > self.worth_a_fit(*candidate) || !certain)
+            let is_unsure = |block: &usize| !self.engine.model.proportional(*block);
+            let is_worth = promises[*candidate] > self.worth_a_fit(*candidate);
+            !own.contains(&self.name(*candidate)) && (is_worth || blocks.iter().any(is_unsure))
         });
-        let followers = order.into_iter().map(|candidate| vec![candidate]);
-        let followers = self.distinct(followers, FOLLOWERS).into_iter();
+        order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
+        // What is missing elsewhere is no rival.
+        let mut by_groups: BTreeMap<Vec<usize>, Vec<Vec<usize>>> = BTreeMap::new();
+        for candidate in order {
+            let groups = self.engine.touched(leader, candidate);
+            by_groups.entry(groups).or_default().push(vec![candidate]);
+        }
+        let places = by_groups.into_values();
+        let followers = places.flat_map(|own| self.distinct(own.into_iter(), FOLLOWERS));
         let sets = followers.map(|follower| {
             let mut set = [leader, &follower[..]].concat();
             set.sort_unstable();

@@ -5,8 +5,8 @@ use super::{
     About, Active, Candidate, EFFECT_PRIOR, Engine, Found, Hypothesis, Model, Parameter, Problem,
     START_FACTOR,
 };
-use crate::evidence::{Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
-use crate::least_squares::{Residuals, at, broyden};
+use crate::evidence::{Beside, Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
+use crate::least_squares::{Residuals, Slopes, at, broyden};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -225,6 +225,57 @@ impl Expansion {
     }
 }
 
+/// An expansion with what it is of.
+pub(super) struct Expanded<'a> {
+    expansion: Expansion,
+    pub(super) about: About<'a>,
+    pub(super) slopes: Slopes,
+    pub(super) found: Found,
+    pub(super) of_laws: Vec<Law>,
+}
+
+impl Expanded<'_> {
+    /// What is left at the most probable values and laws.
+    pub(super) fn beside_laws(&self) -> Option<BesideLaws> {
+        let Expansion { linear, left, .. } = &self.expansion;
+        let evidence = linear.evidence(Unknown::process(0))?;
+        let remainders = left.iter().map(|own| &own.remainder);
+        Some(BesideLaws {
+            beside: linear.beside(&evidence, remainders)?,
+            merged: left.iter().map(|own| own.merged.clone()).collect(),
+        })
+    }
+}
+
+/// What is left beside a hypothesis and its laws.
+pub(super) struct BesideLaws {
+    beside: Beside,
+    /// The rows that each row of a block merges.
+    merged: Vec<Vec<Range<usize>>>,
+}
+
+impl BesideLaws {
+    /// By how much the log density grows by a share of `change`, and that share.
+    pub(super) fn gain(&self, change: &DMatrix<f64>) -> (f64, f64) {
+        let merged = self.merged.iter();
+        self.beside
+            .gain(merged.map(|merged| merged_column(change, merged)))
+    }
+
+    /// By how much it grows if the residuals, with their dead zones, are these.
+    pub(super) fn gain_of(&self, Residuals { values, slack }: &Residuals) -> Option<f64> {
+        let of_block = |merged: &Vec<Range<usize>>| {
+            let deviation = |members| box_deviation(half_width(slack, members));
+            let residual = |members| of_merged(members, |row| values[row]);
+            (
+                merged.iter().map(residual).collect(),
+                merged.iter().map(deviation).collect(),
+            )
+        };
+        self.beside.gain_of(self.merged.iter().map(of_block))
+    }
+}
+
 /// The evidence of a hypothesis beside an unknown, about the mode of that.
 struct Mode {
     evidence: Evidence,
@@ -353,14 +404,16 @@ pub struct Shape {
 }
 
 /// An effect in one block: its size, and how its law may change it.
-struct Law {
+pub(super) struct Law {
     candidate: usize,
+    /// See [`Candidate::form_doubt`].
+    form_doubt: f64,
     /// How the residuals change as the effect vanishes.
     whole: DMatrix<f64>,
     /// How they change as its law does: along quantities, then by acting at other scales.
-    shapes: Vec<DMatrix<f64>>,
+    pub(super) shapes: Vec<DMatrix<f64>>,
     /// Standard deviations of the weights of these.
-    deviations: Vec<f64>,
+    pub(super) deviations: Vec<f64>,
     along: Vec<Along>,
 }
 
@@ -700,12 +753,22 @@ impl<M: Model> Engine<'_, M> {
 
     /// The residuals of a group linear about `hypothesis`, and what the candidates do in its
     /// blocks.
-    fn expansion(&self, hypothesis: Hypothesis, (blocks, candidates): Group) -> Option<Expansion> {
+    fn expansion(&self, hypothesis: Hypothesis, group: Group) -> Option<Expansion> {
+        Some(self.expanded(hypothesis, group)?.expansion)
+    }
+
+    /// The same, with what it is of.
+    pub(super) fn expanded(
+        &self,
+        hypothesis: Hypothesis,
+        (blocks, candidates): Group,
+    ) -> Option<Expanded<'_>> {
         let free = self.free(blocks);
         let (problem, found) = self.found(&hypothesis, (blocks, candidates), &free)?;
         let values = (&hypothesis.fit.nominal[..], &hypothesis.fit.effects[..]);
         let about = About::new(self.model, &problem, &found.residuals, values)?;
-        let slopes = problem.slopes_about(&found.x, &about)?.values;
+        let all_slopes = problem.slopes_about(&found.x, &about)?;
+        let slopes = &all_slopes.values;
         let laws: Vec<Law> = candidates
             .iter()
             .map(|own| self.law(blocks, &hypothesis, *own, &about))
@@ -721,14 +784,12 @@ impl<M: Model> Engine<'_, M> {
                 .iter()
                 .map(|law| in_bases(&law.whole, &rows, &merged))
                 .collect();
-            let errors = laws.iter().zip(&wholes).map(|(law, whole)| {
-                self.model.candidates()[law.candidate].form_doubt * whole.norm()
-            });
-            let errors: Vec<f64> = errors.collect();
-            let nominal = (0..free.len())
-                .map(|own| in_bases(&slopes.columns(own, 1).into_owned(), &rows, &merged));
-            let nominal: Vec<DVector<f64>> = nominal.collect();
-            let values = merged_values(&slopes, &laws, &found.residuals.values, &merged);
+            let error = |(law, whole): (&Law, &DVector<f64>)| law.form_doubt * whole.norm();
+            let errors: Vec<f64> = laws.iter().zip(&wholes).map(error).collect();
+            let nominal: Vec<DVector<f64>> = (0..free.len())
+                .map(|own| in_bases(&slopes.columns(own, 1).into_owned(), &rows, &merged))
+                .collect();
+            let values = merged_values(slopes, &laws, &found.residuals.values, &merged);
             let mut first = found.x.len();
             for (number, law) in laws.iter().enumerate() {
                 let weights = first..first + law.shapes.len();
@@ -755,7 +816,7 @@ impl<M: Model> Engine<'_, M> {
             left.push(Left { remainder, merged });
         }
         let remainders = left.iter().map(|own| &own.remainder);
-        Some(Expansion {
+        let expansion = Expansion {
             values: found.x.len(),
             linear: Linear::new(remainders, priors, self.places_of(&free, blocks)),
             left,
@@ -764,6 +825,13 @@ impl<M: Model> Engine<'_, M> {
             shown: shown.into(),
             excess,
             along: places_along(found.x.len(), &laws),
+        };
+        Some(Expanded {
+            expansion,
+            about,
+            slopes: all_slopes,
+            found,
+            of_laws: laws,
         })
     }
 
@@ -887,6 +955,7 @@ impl<M: Model> Engine<'_, M> {
         deviations.resize(shapes.len(), LAW);
         Some(Law {
             candidate: number,
+            form_doubt: candidate.form_doubt,
             whole,
             shapes,
             deviations,
@@ -1252,6 +1321,40 @@ mod tests {
             assert!((value - expected).abs() < 2.0 * sd + 0.01, "{shape:?}");
             assert!(*sd < 0.05, "{shape:?}");
         }
+    }
+
+    /// The same, and a second effect that does what no form but a law of the first one does.
+    fn modulated_or_both(row: usize, nominal: &[f64], effects: &[Active]) -> f64 {
+        let size_of = |candidate: usize| -> f64 {
+            let own = effects.iter().filter(|own| own.0 == candidate);
+            own.map(|(_, values)| values[0]).sum()
+        };
+        let waves: Vec<Active> = effects.iter().filter(|own| own.0 == 0).cloned().collect();
+        let shape = 40.0 * (0.5 * row as f64).cos();
+        modulated(row, nominal, &waves) + size_of(1) * shape * load(row)
+    }
+
+    /// By the cost it promises much; the law of the first effect leaves it nothing.
+    #[test]
+    fn an_effect_promises_what_laws_of_others_leave() {
+        let mut another = sized_waves();
+        another.effect = "another";
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![sized_waves(), another],
+            residual: modulated_or_both,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        let both = engine.hypothesis(&[0, 1]).expect("a fit");
+        let gained = fitted.fit.score() - both.fit.score();
+        assert!(gained > 500.0, "{gained}");
+        let promises = engine.promises(&fitted).expect("promises");
+        assert!(promises[1] > 500.0, "{promises:?}");
+        let is_promising = |least: f64| engine.is_promising(&fitted, &[1], |_| least);
+        // A weight of 0.3, of 0.4: the law has to pay 0.3 nats for it.
+        assert_eq!(is_promising(1.0), Some(false));
+        assert_eq!(is_promising(0.1), Some(true));
     }
 
     /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.

@@ -1,8 +1,12 @@
 //! What effects promise beside those that are there, before they are fitted.
 
-use super::{About, Candidate, Engine, Hypothesis, Key, Model, Parameter, Problem, starts, tally};
+use super::marginal::BesideLaws;
+use super::{
+    About, Candidate, EFFECT_PRIOR, Engine, Hypothesis, Key, Model, Parameter, Problem, starts,
+    tally,
+};
 use crate::least_squares::{Linearized, Prior, Problem as _, Residuals, Slopes, at};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -10,20 +14,21 @@ use std::collections::BTreeMap;
 const SHARE_OF_FIRST: f64 = 0.1;
 /// Share of a start at which an effect begins.
 const SMALL: f64 = 1e-2;
+/// Dead zones that change by less than this share of what their values do matter little to a
+/// promise.
+const WIDENS: f64 = 0.1;
 
 /// Blocks that stand or fall together, the candidates on them, and the bits of where those and the
 /// nominal values are: what a promise depends on.
 pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
 
-/// Some blocks of a hypothesis, linearized.
+/// Some blocks of a hypothesis, linearized, and the prior of a candidate's share last.
 struct Base<'a> {
     nominal: Vec<f64>,
     residuals: Residuals,
     about: About<'a>,
     slopes: Slopes,
     priors: Vec<Prior>,
-    /// Their cost where the hypothesis has moved as it would alone: that is nobody's promise.
-    least: f64,
 }
 
 impl<M: Model> Engine<'_, M> {
@@ -53,20 +58,8 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         let promise = |c: usize, start: &[f64]| {
-            let of_bases = bases[&places[c]].iter();
-            let mut promised = of_bases.filter_map(|own| self.beside(own, base, (c, start)));
-            if !places[c].1.is_empty() || all[c].has_two_signs() {
-                return promised.next().map(|(promise, _)| promise);
-            }
-            // The problem is convex: what gains by less of it than none gains nothing by any.
-            let mut gains =
-                promised.map(|(promise, share)| if share < 0.0 { 0.0 } else { promise });
-            let first = gains.next()?;
-            Some(if first > 0.0 {
-                first
-            } else {
-                gains.fold(first, f64::max)
-            })
+            let is_signed = places[c].1.is_empty() && !all[c].has_two_signs();
+            self.promise(&bases[&places[c]], base, (c, start), is_signed)
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |c: usize, start: &[f64]| {
@@ -108,25 +101,88 @@ impl<M: Model> Engine<'_, M> {
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
     }
 
-    /// What a candidate promises, and by which share of its start, on the blocks of a base of
-    /// `hypothesis`.
-    fn beside(
+    /// Whether one of some candidates promises more than `least` of it beside `base` and what laws
+    /// of its effects, or a sound rig, may leave: by how much it would raise the log evidence, if
+    /// residuals changed in proportion to it and all else moved with it.
+    pub fn is_promising(
+        &self,
+        base: &Hypothesis,
+        candidates: &[usize],
+        least: impl Fn(usize) -> f64 + Sync,
+    ) -> Option<bool> {
+        let all = self.model.candidates();
+        let groups = self.groups(&base.candidates);
+        let mut by_place: BTreeMap<Place, Vec<usize>> = BTreeMap::new();
+        for c in candidates {
+            let place = self.place(base, &groups, &all[*c]);
+            by_place.entry(place).or_default().push(*c);
+        }
+        for ((blocks, own, _), candidates) in by_place {
+            let (beside, laws) = self.base_beside_laws(base, (&blocks, &own))?;
+            let promises = |c: usize, start: &[f64]| {
+                let change = self.change(&beside, base, (c, start));
+                let promise = change.and_then(|change| beside_laws(&beside, &laws, &change));
+                promise.is_some_and(|(promise, share)| {
+                    (share > 0.0 || all[c].has_two_signs()) && promise > least(c)
+                })
+            };
+            let is_promising = |c: &usize| {
+                let parameters = &all[*c].parameters;
+                let starts = starts(parameters);
+                let mut starts = starts.iter();
+                starts.any(|start| promises(*c, start) || promises(*c, &small(parameters, start)))
+            };
+            if candidates.par_iter().any(is_promising) {
+                return Some(true);
+            }
+        }
+        Some(false)
+    }
+
+    /// What a candidate promises from `start` about the first of some bases of `hypothesis`. Where
+    /// it `is_signed` it promises nothing if all of them say so: the problem is convex, and what
+    /// gains by less of it than none gains nothing by any.
+    fn promise(
+        &self,
+        bases: &[(Base, f64)],
+        hypothesis: &Hypothesis,
+        (c, start): (usize, &[f64]),
+        is_signed: bool,
+    ) -> Option<f64> {
+        let mut gains = bases.iter().filter_map(|(base, alone)| {
+            let change = self.change(base, hypothesis, (c, start))?;
+            let with = base.slopes.beside(&change);
+            let (linearized, step) = linearized(&base.residuals, &with, &base.priors);
+            let is_wrong = is_signed && step[step.len() - 1] < 0.0;
+            Some(if is_wrong {
+                0.0
+            } else {
+                alone - least(&linearized, &step)
+            })
+        });
+        let first = gains.next()?;
+        Some(if first > 0.0 || !is_signed {
+            first
+        } else {
+            gains.fold(first, f64::max)
+        })
+    }
+
+    /// How a candidate changes the blocks of a base of `hypothesis`.
+    fn change(
         &self,
         base: &Base,
         hypothesis: &Hypothesis,
         (c, start): (usize, &[f64]),
-    ) -> Option<(f64, f64)> {
+    ) -> Option<Slopes> {
         let candidate = &self.model.candidates()[c];
         let values = candidate.parameters.iter().zip(start);
         let mut with = hypothesis.fit.effects.clone();
         with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
         let with = (&base.nominal[..], &with[..]);
         let moves = |block| candidate.blocks.contains(&block);
-        let problem = self.problem(&[], &[], &[]);
-        let change = problem.change(&base.about, &moves, with)?;
-        let with = base.slopes.beside(&change);
-        let (least, step) = linearized_least(&base.residuals, &with, &base.priors);
-        Some((base.least - least, step[step.len() - 1]))
+        self.problem(&[], &[], &[])
+            .change(&base.about, &moves, with)
     }
 
     /// All records, with what they have of their own as expected.
@@ -168,7 +224,10 @@ impl<M: Model> Engine<'_, M> {
     /// Blocks about `base`, and, where that has no effect on them, also about nominal values as
     /// given: where a fit has moved those for what is missing, it may look as if there was less
     /// than nothing of that.
-    fn bases(&self, base: &Hypothesis, place: &Place) -> Option<Vec<Base<'_>>> {
+    ///
+    /// Each with its cost where the hypothesis has moved as it would alone: that is nobody's
+    /// promise.
+    fn bases(&self, base: &Hypothesis, place: &Place) -> Option<Vec<(Base<'_>, f64)>> {
         let mut bases = vec![self.base(base, place)?];
         if place.1.is_empty() {
             let mut given = base.clone();
@@ -178,7 +237,7 @@ impl<M: Model> Engine<'_, M> {
         Some(bases)
     }
 
-    fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<Base<'_>> {
+    fn base(&self, base: &Hypothesis, (blocks, candidates, _): &Place) -> Option<(Base<'_>, f64)> {
         let free = self.free(blocks);
         let x = self.coordinates(base, &free, candidates);
         let mut problem = self.problem(blocks, &free, candidates);
@@ -190,27 +249,79 @@ impl<M: Model> Engine<'_, M> {
         let about = About::new(self.model, &problem, &found.residuals, values)?;
         let slopes = problem.slopes_about(&found.x, &about)?;
         let mut priors = problem.priors(&found.x);
-        let (least, _) = linearized_least(&found.residuals, &slopes, &priors);
+        let (linearized, step) = linearized(&found.residuals, &slopes, &priors);
+        let alone = least(&linearized, &step);
         // The candidate's share has none.
         priors.push((0.0, 0.0));
-        Some(Base {
+        let base = Base {
             nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about,
             slopes,
             priors,
-            least,
-        })
+        };
+        Some((base, alone))
+    }
+
+    /// The same with the laws of effects, and what is left beside these.
+    fn base_beside_laws(
+        &self,
+        base: &Hypothesis,
+        group: (&[usize], &[usize]),
+    ) -> Option<(Base<'_>, BesideLaws)> {
+        let expanded = self.expanded(base.clone(), group)?;
+        let laws = expanded.beside_laws()?;
+        let free = self.free(group.0);
+        let problem = self.problem(group.0, &free, group.1);
+        let found = expanded.found;
+        let of_laws = || expanded.of_laws.iter();
+        let deviations = of_laws().flat_map(|law| &law.deviations);
+        let mut priors = problem.priors(&found.x);
+        priors.extend(deviations.map(|deviation| (0.0, deviation.recip())));
+        priors.push((0.0, EFFECT_PRIOR.recip()));
+        let shapes: Vec<_> = of_laws().flat_map(|law| &law.shapes).collect();
+        let rows = found.residuals.values.len();
+        let slopes = expanded.slopes.beside(&Slopes {
+            values: DMatrix::from_fn(rows, shapes.len(), |row, place| shapes[place][(row, 0)]),
+            slack: DMatrix::zeros(rows, shapes.len()),
+        });
+        let base = Base {
+            nominal: problem.nominal(&found.x),
+            residuals: found.residuals,
+            about: expanded.about,
+            slopes,
+            priors,
+        };
+        Some((base, laws))
     }
 }
 
-/// The least cost of residuals that change in proportion to coordinates, and where it is. What dead
-/// zones hide of the noise is added to it: a wider one promises nothing by that alone.
-fn linearized_least(
-    residuals: &Residuals,
-    slopes: &Slopes,
-    priors: &[Prior],
-) -> (f64, DVector<f64>) {
+/// By how much the log density grows by a share of `change` beside laws, and that share. Of a wider
+/// dead zone the evidence is not linear: it is looked at where the cost would be least.
+fn beside_laws(base: &Base, laws: &BesideLaws, change: &Slopes) -> Option<(f64, f64)> {
+    let of_values = laws.gain(&change.values);
+    if change.slack.norm() <= WIDENS * change.values.norm() {
+        return Some(of_values);
+    }
+    let with = base.slopes.beside(change);
+    let (linearized, mut step) = linearized(&base.residuals, &with, &base.priors);
+    let last = step.len() - 1;
+    let share = step[last];
+    step.rows_mut(0, last).fill(0.0);
+    let own = laws.gain_of(&linearized.moved(&step))?;
+    Some(if own > of_values.0 {
+        (own, share)
+    } else {
+        of_values
+    })
+}
+
+/// Residuals that change in proportion to coordinates, and where their cost is least.
+fn linearized<'a>(
+    residuals: &'a Residuals,
+    slopes: &'a Slopes,
+    priors: &'a [Prior],
+) -> (Linearized<'a>, DVector<f64>) {
     let linearized = Linearized {
         residuals,
         slopes,
@@ -218,9 +329,14 @@ fn linearized_least(
         damping: DVector::from_element(priors.len(), 1e-9),
     };
     let step = linearized.minimum();
-    let rows = tally(&linearized.moved(&step), 0);
-    let least = linearized.cost(&step) + rows.cost - rows.outside;
-    (least, step)
+    (linearized, step)
+}
+
+/// The least cost. What dead zones hide of the noise is added to it: a wider one promises nothing
+/// by that alone.
+fn least(linearized: &Linearized, step: &DVector<f64>) -> f64 {
+    let rows = tally(&linearized.moved(step), 0);
+    linearized.cost(step) + rows.cost - rows.outside
 }
 
 /// `start` with the sizes that it begins with.
