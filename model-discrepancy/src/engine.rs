@@ -689,7 +689,7 @@ impl std::ops::AddAssign for Tally {
 }
 
 /// What a fit is of: blocks and candidates.
-type Key = (Vec<usize>, Vec<usize>);
+pub(crate) type Key = (Vec<usize>, Vec<usize>);
 
 /// Fits and what they predict, each made once.
 pub struct Engine<'a, M> {
@@ -764,12 +764,15 @@ impl<'a, M: Model> Engine<'a, M> {
         groups.collect()
     }
 
-    /// The blocks of the groups of `candidates` that `another` touches.
-    pub(crate) fn touched(&self, candidates: &[usize], another: usize) -> Vec<usize> {
-        let own = &self.model.candidates()[another].blocks;
-        let groups = self.groups(candidates).into_iter();
-        let touched = groups.filter(|(blocks, _)| own.iter().any(|block| blocks.contains(block)));
-        touched.flat_map(|(blocks, _)| blocks).collect()
+    /// Those of `groups` that a candidate touches.
+    pub(crate) fn touched<'g>(
+        &self,
+        groups: &'g [Key],
+        candidate: usize,
+    ) -> impl Iterator<Item = &'g Key> {
+        let own = &self.model.candidates()[candidate].blocks;
+        let is_touched = |group: &&Key| own.iter().any(|block| group.0.contains(block));
+        groups.iter().filter(is_touched)
     }
 
     /// Fits the blocks' residuals with `candidates`; `None` without a solution.
@@ -1002,11 +1005,9 @@ impl<'a, M: Model> Engine<'a, M> {
 
     /// Fits of the groups of `begun` that `candidate`, in it or not, touches.
     fn refits(&self, begun: &Hypothesis, candidate: usize) -> Option<Vec<(Key, Fit)>> {
-        let own = &self.model.candidates()[candidate].blocks;
-        let groups = self.groups(&begun.candidates).into_iter();
-        let touched = groups.filter(|(blocks, touching)| {
-            !touching.is_empty() && blocks.iter().any(|block| own.contains(block))
-        });
+        let groups = self.groups(&begun.candidates);
+        let touched = self.touched(&groups, candidate).cloned();
+        let touched = touched.filter(|(_, touching)| !touching.is_empty());
         let fitted = touched.map(|(blocks, touching)| {
             let fit = self.refitted(begun, (&blocks, &touching), LOOSE, false)?;
             Some(((blocks, touching), fit))

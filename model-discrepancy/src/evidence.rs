@@ -346,26 +346,33 @@ impl Linear {
         blocks: impl Iterator<Item = &'a Remainder>,
     ) -> Option<Beside> {
         let with_residual = evidence.weights.clone().push(1.0);
-        let whitener = |(own, place): (&Remainder, &usize)| {
+        // Those at an end of their range stay there.
+        let is_open = |place: &usize| {
+            let (least, most) = self.priors[*place].range;
+            least < evidence.weights[*place] && evidence.weights[*place] < most
+        };
+        let open: Vec<usize> = (0..self.weights()).filter(is_open).collect();
+        let whitened = |(own, place): (&Remainder, &usize)| {
             let process = grid().nth(*place)?;
             let (columns, _) = own.rows.whitened(own.values.clone(), process.0, process.1);
-            Some(Whitener {
+            Some(WhitenedBlock {
                 remainder: own.clone(),
                 process,
                 residual: columns.tr_mul(&with_residual),
-                columns: columns.remove_row(evidence.weights.len()),
+                columns: columns.select_rows(&open),
             })
         };
         let normal = self.normal(evidence);
+        let matrix = normal.matrix.select_rows(&open).select_columns(&open);
         Some(Beside {
             blocks: blocks
                 .zip(&evidence.places)
-                .map(whitener)
+                .map(whitened)
                 .collect::<Option<_>>()?,
             priors: self.priors.clone(),
             prior: self.prior(evidence.unknown.outside),
             log_density: normal.log_density(&evidence.weights),
-            factor: Cholesky::new(normal.matrix)?,
+            factor: Cholesky::new(matrix)?,
         })
     }
 
@@ -423,20 +430,21 @@ impl Linear {
 /// What is left of some blocks beside their most probable weights and processes, for what is not
 /// among these.
 pub(crate) struct Beside {
-    blocks: Vec<Whitener>,
+    blocks: Vec<WhitenedBlock>,
     priors: Vec<Prior>,
     prior: Normal,
-    /// Of the normal equations, and the log density at their solution.
+    /// Of the normal equations of the weights within their ranges.
     factor: Cholesky<f64, Dyn>,
+    /// At the most probable weights.
     log_density: f64,
 }
 
 /// One block with its most probable process.
-struct Whitener {
+struct WhitenedBlock {
     remainder: Remainder,
     /// Amplitude and time constant.
     process: (f64, f64),
-    /// The whitened columns, a column for each row, and the residual there.
+    /// The whitened columns of the same weights, a column for each row, and the residual.
     columns: DMatrix<f64>,
     residual: DVector<f64>,
 }
@@ -446,7 +454,7 @@ impl Beside {
     /// has no prior, and the weight; all others move with it.
     pub(crate) fn gain(&self, columns: impl Iterator<Item = Vec<f64>>) -> (f64, f64) {
         let (mut square, mut pull) = (0.0, 0.0);
-        let mut shared = DVector::zeros(self.priors.len());
+        let mut shared = DVector::zeros(self.factor.l_dirty().nrows());
         for (block, column) in self.blocks.iter().zip(columns) {
             let column = DMatrix::from_row_slice(1, column.len(), &column);
             let (amplitude, time_constant_s) = block.process;
@@ -651,37 +659,44 @@ mod tests {
         let of = |remainder: &Remainder, priors: &[Prior]| {
             Linear::new([remainder].into_iter(), priors.to_vec(), vec![1])
         };
-        let base = remainder(2, 5.0, 0.0);
-        let linear = of(&base, &PRIORS);
-        let evidence = linear.evidence(none).expect("a density");
-        let beside = linear
-            .beside(&evidence, [&base].into_iter())
-            .expect("equations");
-        // With the most probable process, at the most probable weights.
-        let density = |linear: &Linear| {
-            let normal = linear.normal(&evidence);
-            let weights = normal.most_probable(&linear.priors).expect("weights");
-            (normal.log_density(&weights), weights)
+        // Also with a weight that is held at the end of its range, far from where it would be.
+        let held = Prior {
+            range: (f64::NEG_INFINITY, -20.0),
+            ..PRIORS[0]
         };
-        let alone = density(&linear).0;
-        let (gain, weight) = beside.gain([(0..COUNT).map(&more).collect()].into_iter());
-        let any = [PRIORS[0], PRIORS[1], Prior::new(0.0, 1e6)];
-        let (among, weights) = density(&of(&remainder(3, 5.0, 0.0), &any));
-        // The prior's own density was left out.
-        let expected = among - alone + 1e6_f64.ln();
-        assert!(
-            gain > 1.0 && (gain - expected).abs() < 1e-6,
-            "{gain}, {expected}"
-        );
-        assert!((weight - weights[2]).abs() < 1e-6, "{weight}, {weights}");
-        let off = remainder(2, 5.7, 0.2);
-        let rows = (
-            off.values.row(2).iter().copied().collect(),
-            off.rows.deviation.clone(),
-        );
-        let found = beside.gain_of([rows].into_iter()).expect("a density");
-        let expected = density(&of(&off, &PRIORS)).0 - alone;
-        assert!((found - expected).abs() < 1e-9, "{found}, {expected}");
+        for priors in [PRIORS, [held, PRIORS[1]]] {
+            let base = remainder(2, 5.0, 0.0);
+            let linear = of(&base, &priors);
+            let evidence = linear.evidence(none).expect("a density");
+            let beside = linear
+                .beside(&evidence, [&base].into_iter())
+                .expect("equations");
+            // With the most probable process, at the most probable weights.
+            let density = |linear: &Linear| {
+                let normal = linear.normal(&evidence);
+                let weights = normal.most_probable(&linear.priors).expect("weights");
+                (normal.log_density(&weights), weights)
+            };
+            let alone = density(&linear).0;
+            let (gain, weight) = beside.gain([(0..COUNT).map(&more).collect()].into_iter());
+            let any = [priors[0], priors[1], Prior::new(0.0, 1e6)];
+            let (among, weights) = density(&of(&remainder(3, 5.0, 0.0), &any));
+            // The prior's own density was left out.
+            let expected = among - alone + 1e6_f64.ln();
+            assert!(
+                gain > 1.0 && (gain - expected).abs() < 1e-6,
+                "{gain}, {expected}"
+            );
+            assert!((weight - weights[2]).abs() < 1e-6, "{weight}, {weights}");
+            let off = remainder(2, 5.7, 0.2);
+            let rows = (
+                off.values.row(2).iter().copied().collect(),
+                off.rows.deviation.clone(),
+            );
+            let found = beside.gain_of([rows].into_iter()).expect("a density");
+            let expected = density(&of(&off, &priors)).0 - alone;
+            assert!((found - expected).abs() < 1e-9, "{found}, {expected}");
+        }
     }
 
     /// A weight that the data want beyond its range is held there, and the others follow: the

@@ -16,7 +16,7 @@ pub(crate) const MEMBERS: usize = 3;
 const STAGES: [&str; MEMBERS] = ["effects alone", "two effects", "three effects"];
 /// Sets that lead with each set of blocks unknown: alone, and of several effects.
 const LEADERS: [usize; MEMBERS] = [2, 1, 1];
-/// Effects that are tried beside a leader.
+/// Effects that are tried beside a leader, of those that touch the same groups of its blocks.
 const FOLLOWERS: usize = 3;
 /// Forms of an effect that are tried before it leads, where promises can be believed, beside those
 /// that promise no less than one over this of theirs.
@@ -300,12 +300,13 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         if best.candidates.len() < members {
             return true;
         }
-        let promises = self.engine.promises(best).unwrap_or_default();
+        let Some(promises) = self.engine.promises(best) else {
+            return false;
+        };
         let least = |candidate: usize| self.worth_a_fit(candidate);
         let doubted = (0..promises.len()).filter(|c| promises[*c] >= least(*c));
         let doubted: Vec<usize> = doubted.collect();
-        let is_promising = self.engine.is_promising(best, &doubted, least);
-        !is_promising.unwrap_or(true)
+        !self.engine.is_promising(best, &doubted, least)
     }
 
     /// Of sets in order of preference, the first `count` that differ in their names.
@@ -375,10 +376,13 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
         });
         order.sort_by(|a, b| promises[*b].total_cmp(&promises[*a]));
         // What is missing elsewhere is no rival.
+        let groups = self.engine.groups(leader);
         let mut by_groups: BTreeMap<Vec<usize>, Vec<Vec<usize>>> = BTreeMap::new();
         for candidate in order {
-            let groups = self.engine.touched(leader, candidate);
-            by_groups.entry(groups).or_default().push(vec![candidate]);
+            let touched = self.engine.touched(&groups, candidate);
+            let blocks = touched.flat_map(|(blocks, _)| blocks).copied();
+            let followers = by_groups.entry(blocks.collect()).or_default();
+            followers.push(vec![candidate]);
         }
         let places = by_groups.into_values();
         let followers = places.flat_map(|own| self.distinct(own.into_iter(), FOLLOWERS));

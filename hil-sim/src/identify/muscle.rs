@@ -850,7 +850,7 @@ mod tests {
             let squares: f64 = values.iter().map(|value| (value - middle).powi(2)).sum();
             (squares / values.len() as f64).sqrt()
         };
-        // A parabola through 65 rows leaves a seventh of the noise; a few rows keep more.
+        // A parabola through 65 rows leaves a fifth of the noise.
         assert!(spread(&place("pressure"), 2e5) < NOISE_PA / 4.0);
         // Of two readings 20 ms apart it would be as large as this.
         let of_readings = NOISE_PA * 2.0_f64.sqrt() / 0.02;

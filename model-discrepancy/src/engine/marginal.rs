@@ -1353,8 +1353,8 @@ mod tests {
         assert!(promises[1] > 500.0, "{promises:?}");
         let is_promising = |least: f64| engine.is_promising(&fitted, &[1], |_| least);
         // A weight of 0.3, of 0.4: the law has to pay 0.3 nats for it.
-        assert_eq!(is_promising(1.0), Some(false));
-        assert_eq!(is_promising(0.1), Some(true));
+        assert!(!is_promising(1.0));
+        assert!(is_promising(0.1));
     }
 
     /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.

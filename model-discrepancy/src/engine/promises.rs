@@ -22,11 +22,13 @@ const WIDENS: f64 = 0.1;
 /// nominal values are: what a promise depends on.
 pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
 
-/// Some blocks of a hypothesis, linearized, and the prior of a candidate's share last.
+/// Some blocks of a hypothesis, linearized.
 struct Base<'a> {
     nominal: Vec<f64>,
     residuals: Residuals,
     about: About<'a>,
+    /// What records have of their own is as expected.
+    expected: bool,
     slopes: Slopes,
     priors: Vec<Prior>,
 }
@@ -41,7 +43,8 @@ impl<M: Model> Engine<'_, M> {
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let all = self.model.candidates();
         let groups = self.groups(&base.candidates);
-        let places: Vec<Place> = all.iter().map(|c| self.place(base, &groups, c)).collect();
+        let places = (0..all.len()).map(|c| self.place(base, &groups, c));
+        let places: Vec<Place> = places.collect();
         let has = |effect| base.candidates.iter().any(|own| all[*own].effect == effect);
         let known: Vec<Option<f64>> = {
             let promised = self.promised.lock().ok()?;
@@ -63,8 +66,7 @@ impl<M: Model> Engine<'_, M> {
         };
         // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
         let begins = |c: usize, start: &[f64]| {
-            let mut blocks = all[c].blocks.iter();
-            if blocks.all(|block| self.model.proportional(*block)) {
+            if self.is_proportional(&all[c]) {
                 return None;
             }
             promise(c, &small(&all[c].parameters, start))
@@ -102,41 +104,52 @@ impl<M: Model> Engine<'_, M> {
     }
 
     /// Whether one of some candidates promises more than `least` of it beside `base` and what laws
-    /// of its effects, or a sound rig, may leave: by how much it would raise the log evidence, if
-    /// residuals changed in proportion to it and all else moved with it.
+    /// of its effects, or a sound rig, may leave: by how much it would raise the log density, if
+    /// residuals changed in proportion to it and all but the processes moved with it. True where
+    /// that cannot be said.
     pub fn is_promising(
         &self,
         base: &Hypothesis,
         candidates: &[usize],
         least: impl Fn(usize) -> f64 + Sync,
-    ) -> Option<bool> {
-        let all = self.model.candidates();
+    ) -> bool {
         let groups = self.groups(&base.candidates);
         let mut by_place: BTreeMap<Place, Vec<usize>> = BTreeMap::new();
         for c in candidates {
-            let place = self.place(base, &groups, &all[*c]);
+            let place = self.place(base, &groups, *c);
             by_place.entry(place).or_default().push(*c);
         }
-        for ((blocks, own, _), candidates) in by_place {
-            let (beside, laws) = self.base_beside_laws(base, (&blocks, &own))?;
-            let promises = |c: usize, start: &[f64]| {
-                let change = self.change(&beside, base, (c, start));
-                let promise = change.and_then(|change| beside_laws(&beside, &laws, &change));
-                promise.is_some_and(|(promise, share)| {
-                    (share > 0.0 || all[c].has_two_signs()) && promise > least(c)
-                })
+        by_place.iter().any(|((blocks, own, _), candidates)| {
+            let Some((own_base, laws)) = self.base_beside_laws(base, (blocks, own)) else {
+                return true;
             };
             let is_promising = |c: &usize| {
-                let parameters = &all[*c].parameters;
-                let starts = starts(parameters);
+                let candidate = &self.model.candidates()[*c];
+                // With laws and all values free there is nothing that takes up what is missing.
+                let is_right = |share: f64| share > 0.0 || candidate.has_two_signs();
+                let promises = |start: &[f64], scale: f64| {
+                    let change = self.change(&own_base, base, (*c, start));
+                    let promised = change
+                        .iter()
+                        .flat_map(|change| promised_beside_laws(&own_base, &laws, change, scale));
+                    let mut promised = promised.flatten();
+                    promised.any(|(promise, share)| is_right(share) && promise > least(*c))
+                };
+                let starts = starts(&candidate.parameters);
                 let mut starts = starts.iter();
-                starts.any(|start| promises(*c, start) || promises(*c, &small(parameters, start)))
+                starts.any(|start| {
+                    let begins = || promises(&small(&candidate.parameters, start), SMALL);
+                    promises(start, 1.0) || !self.is_proportional(candidate) && begins()
+                })
             };
-            if candidates.par_iter().any(is_promising) {
-                return Some(true);
-            }
-        }
-        Some(false)
+            candidates.par_iter().any(is_promising)
+        })
+    }
+
+    /// Whether each block that `candidate` acts on changes about in proportion to it.
+    fn is_proportional(&self, candidate: &Candidate) -> bool {
+        let mut blocks = candidate.blocks.iter();
+        blocks.all(|block| self.model.proportional(*block))
     }
 
     /// What a candidate promises from `start` about the first of some bases of `hypothesis`. Where
@@ -152,7 +165,9 @@ impl<M: Model> Engine<'_, M> {
         let mut gains = bases.iter().filter_map(|(base, alone)| {
             let change = self.change(base, hypothesis, (c, start))?;
             let with = base.slopes.beside(&change);
-            let (linearized, step) = linearized(&base.residuals, &with, &base.priors);
+            // The candidate's share has no prior.
+            let priors = [&base.priors[..], &[(0.0, 0.0)]].concat();
+            let (linearized, step) = linearized(&base.residuals, &with, &priors);
             let is_wrong = is_signed && step[step.len() - 1] < 0.0;
             Some(if is_wrong {
                 0.0
@@ -181,8 +196,9 @@ impl<M: Model> Engine<'_, M> {
         with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
         let with = (&base.nominal[..], &with[..]);
         let moves = |block| candidate.blocks.contains(&block);
-        self.problem(&[], &[], &[])
-            .change(&base.about, &moves, with)
+        let mut problem = self.problem(&[], &[], &[]);
+        problem.expected = base.expected;
+        problem.change(&base.about, &moves, with)
     }
 
     /// All records, with what they have of their own as expected.
@@ -197,13 +213,11 @@ impl<M: Model> Engine<'_, M> {
         problem
     }
 
-    /// What a promise of `candidate` beside `base`, whose blocks are tied in `groups`, depends on.
-    fn place(&self, base: &Hypothesis, groups: &[Key], candidate: &Candidate) -> Place {
-        let own = |blocks: &[usize]| candidate.blocks.iter().any(|b| blocks.contains(b));
-        let touched = groups.iter().filter(|(blocks, _)| own(blocks)).cloned();
+    /// What a promise of a candidate beside `base`, whose blocks are tied in `groups`, depends on.
+    fn place(&self, base: &Hypothesis, groups: &[Key], candidate: usize) -> Place {
+        let touched = self.touched(groups, candidate).cloned();
         let (blocks, candidates): (Vec<_>, Vec<_>) = touched.unzip();
-        let (blocks, candidates) = (blocks.concat(), candidates.concat());
-        self.place_of(base, &blocks, &candidates)
+        self.place_of(base, &blocks.concat(), &candidates.concat())
     }
 
     /// The same of some blocks and the candidates on them.
@@ -248,22 +262,21 @@ impl<M: Model> Engine<'_, M> {
         );
         let about = About::new(self.model, &problem, &found.residuals, values)?;
         let slopes = problem.slopes_about(&found.x, &about)?;
-        let mut priors = problem.priors(&found.x);
+        let priors = problem.priors(&found.x);
         let (linearized, step) = linearized(&found.residuals, &slopes, &priors);
         let alone = least(&linearized, &step);
-        // The candidate's share has none.
-        priors.push((0.0, 0.0));
         let base = Base {
             nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about,
+            expected: true,
             slopes,
             priors,
         };
         Some((base, alone))
     }
 
-    /// The same with the laws of effects, and what is left beside these.
+    /// Blocks with the laws of effects, about where the evidence is, and what is left beside these.
     fn base_beside_laws(
         &self,
         base: &Hypothesis,
@@ -278,7 +291,6 @@ impl<M: Model> Engine<'_, M> {
         let deviations = of_laws().flat_map(|law| &law.deviations);
         let mut priors = problem.priors(&found.x);
         priors.extend(deviations.map(|deviation| (0.0, deviation.recip())));
-        priors.push((0.0, EFFECT_PRIOR.recip()));
         let shapes: Vec<_> = of_laws().flat_map(|law| &law.shapes).collect();
         let rows = found.residuals.values.len();
         let slopes = expanded.slopes.beside(&Slopes {
@@ -289,6 +301,7 @@ impl<M: Model> Engine<'_, M> {
             nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about: expanded.about,
+            expected: false,
             slopes,
             priors,
         };
@@ -296,24 +309,29 @@ impl<M: Model> Engine<'_, M> {
     }
 }
 
-/// By how much the log density grows by a share of `change` beside laws, and that share. Of a wider
-/// dead zone the evidence is not linear: it is looked at where the cost would be least.
-fn beside_laws(base: &Base, laws: &BesideLaws, change: &Slopes) -> Option<(f64, f64)> {
-    let of_values = laws.gain(&change.values);
+/// By how much the log density grows by shares of `change`, of an effect of this `scale` of its
+/// start, beside laws, and these shares: by its values alone and, as of a wider dead zone the
+/// evidence is not linear, where the cost would be least with that.
+fn promised_beside_laws(
+    base: &Base,
+    laws: &BesideLaws,
+    change: &Slopes,
+    scale: f64,
+) -> [Option<(f64, f64)>; 2] {
+    let of_values = Some(laws.gain(&change.values));
     if change.slack.norm() <= WIDENS * change.values.norm() {
-        return Some(of_values);
+        return [of_values, None];
     }
     let with = base.slopes.beside(change);
-    let (linearized, mut step) = linearized(&base.residuals, &with, &base.priors);
+    let mut priors = base.priors.clone();
+    // Else what is best is a zone without end.
+    priors.extend([(0.0, scale / EFFECT_PRIOR)]);
+    let (linearized, mut step) = linearized(&base.residuals, &with, &priors);
     let last = step.len() - 1;
     let share = step[last];
     step.rows_mut(0, last).fill(0.0);
-    let own = laws.gain_of(&linearized.moved(&step))?;
-    Some(if own > of_values.0 {
-        (own, share)
-    } else {
-        of_values
-    })
+    let widened = laws.gain_of(&linearized.moved(&step));
+    [of_values, widened.map(|gain| (gain, share))]
 }
 
 /// Residuals that change in proportion to coordinates, and where their cost is least.
@@ -393,7 +411,8 @@ mod tests {
         }
 
         fn missed(&self, nominal: f64, effects: &[Active]) -> Vec<f64> {
-            let effect: f64 = effects.iter().map(|(_, values)| values[0]).sum();
+            let own = effects.iter().filter(|own| own.0 == 0);
+            let effect: f64 = own.map(|(_, values)| values[0]).sum();
             let shape = |row: usize| 1.0 + 0.5 * (0.7 * row as f64).sin();
             let of = |row| NOMINAL * nominal + EFFECT * (effect - self.there) * shape(row);
             (0..ROWS).map(of).collect()
@@ -485,5 +504,20 @@ mod tests {
         assert!(promised(1.0, 0.0) > 5000.0);
         assert!(promised(-1.0, -10.0) > 5000.0);
         assert_eq!(promised(-1.0, 0.0), 0.0);
+    }
+    /// One with which nothing changes, beside another at whose fit the zero is not as expected.
+    #[test]
+    fn what_does_nothing_promises_nothing() {
+        let mut model = Shifted::of(1.0, -10.0);
+        let mut idle = model.candidates[0].clone();
+        idle.effect = "idle";
+        model.candidates.push(idle);
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        let mut off = fitted.clone();
+        off.fit.nominal[0] += 1.0;
+        for base in [&fitted, &off] {
+            assert!(!engine.is_promising(base, &[1], |_| 1e-6));
+        }
     }
 }
