@@ -339,7 +339,11 @@ const SYSTEMATIC: f64 = 0.04;
 const CLUSTERS: usize = 20;
 
 /// Residuals of the pieces of a problem about a place, for difference quotients.
-struct About<'a>(Vec<Piece<'a>>);
+struct About<'a> {
+    pieces: Vec<Piece<'a>>,
+    /// What records have of their own is as expected there.
+    expected: bool,
+}
 
 struct Piece<'a> {
     record: usize,
@@ -381,11 +385,15 @@ impl<'a> About<'a> {
                 base: own,
             })
         });
-        Some(About(pieces.collect::<Option<_>>()?))
+        Some(About {
+            pieces: pieces.collect::<Option<_>>()?,
+            expected: problem.expected,
+        })
     }
 
     fn rows(&self) -> usize {
-        self.0.iter().map(|piece| piece.base.values.len()).sum()
+        let pieces = self.pieces.iter();
+        pieces.map(|piece| piece.base.values.len()).sum()
     }
 }
 
@@ -467,16 +475,17 @@ impl<'a, M: Model> Problem<'a, M> {
 
     fn piece(&self, x: &DVector<f64>, (record, block): (usize, usize)) -> Option<Residuals> {
         let (nominal, effects) = (self.nominal(x), self.effects(x));
-        self.computed((record, block), &nominal, &effects)
+        self.computed((record, block), self.expected, &nominal, &effects)
     }
 
     fn computed(
         &self,
         (record, block): (usize, usize),
+        expected: bool,
         nominal: &[f64],
         effects: &[Active],
     ) -> Option<Residuals> {
-        if self.expected {
+        if expected {
             self.model
                 .residuals_as_expected(record, block, nominal, effects)
         } else {
@@ -505,7 +514,7 @@ impl<'a, M: Model> Problem<'a, M> {
         let mut values = DMatrix::zeros(about.rows(), 1);
         let mut slack = values.clone();
         let mut row = 0;
-        for piece in &about.0 {
+        for piece in &about.pieces {
             let base = &piece.base;
             if !moves(piece.block) {
                 row += base.values.len();
@@ -513,7 +522,10 @@ impl<'a, M: Model> Problem<'a, M> {
             }
             let moved = match &piece.near {
                 Some(near) => near(nominal, effects),
-                None => self.computed((piece.record, piece.block), nominal, effects),
+                None => {
+                    let place = (piece.record, piece.block);
+                    self.computed(place, about.expected, nominal, effects)
+                }
             };
             let moved = self.finished(moved)?;
             let own = moved.values.iter().zip(&moved.slack);

@@ -169,12 +169,6 @@ impl Normal {
         -0.5 * square - self.half_log_determinant
     }
 
-    /// The most probable weights in the range of their `priors`.
-    fn most_probable(&self, priors: &[Prior]) -> Option<DVector<f64>> {
-        let factor = Cholesky::new(self.matrix.clone())?;
-        self.in_range(factor.solve(&self.vector), priors)
-    }
-
     /// Log evidence, but for the prior's normalization, and the most probable weights in the range
     /// of their `priors`: a Gaussian about these.
     fn solved(&self, priors: &[Prior]) -> Option<(f64, DVector<f64>)> {
@@ -485,7 +479,7 @@ impl Beside {
             remainder.rows.deviation = deviation;
             normal.add(&remainder.whitened(block.process.0, block.process.1));
         }
-        let weights = normal.most_probable(&self.priors)?;
+        let (_, weights) = normal.solved(&self.priors)?;
         Some(normal.log_density(&weights) - self.log_density)
     }
 }
@@ -674,7 +668,7 @@ mod tests {
             // With the most probable process, at the most probable weights.
             let density = |linear: &Linear| {
                 let normal = linear.normal(&evidence);
-                let weights = normal.most_probable(&linear.priors).expect("weights");
+                let (_, weights) = normal.solved(&linear.priors).expect("weights");
                 (normal.log_density(&weights), weights)
             };
             let alone = density(&linear).0;

@@ -27,8 +27,6 @@ struct Base<'a> {
     nominal: Vec<f64>,
     residuals: Residuals,
     about: About<'a>,
-    /// What records have of their own is as expected.
-    expected: bool,
     slopes: Slopes,
     priors: Vec<Prior>,
 }
@@ -123,26 +121,33 @@ impl<M: Model> Engine<'_, M> {
             let Some((own_base, laws)) = self.base_beside_laws(base, (blocks, own)) else {
                 return true;
             };
-            let is_promising = |c: &usize| {
-                let candidate = &self.model.candidates()[*c];
-                // With laws and all values free there is nothing that takes up what is missing.
-                let is_right = |share: f64| share > 0.0 || candidate.has_two_signs();
-                let promises = |start: &[f64], scale: f64| {
-                    let change = self.change(&own_base, base, (*c, start));
-                    let promised = change
-                        .iter()
-                        .flat_map(|change| promised_beside_laws(&own_base, &laws, change, scale));
-                    let mut promised = promised.flatten();
-                    promised.any(|(promise, share)| is_right(share) && promise > least(*c))
-                };
-                let starts = starts(&candidate.parameters);
-                let mut starts = starts.iter();
-                starts.any(|start| {
-                    let begins = || promises(&small(&candidate.parameters, start), SMALL);
-                    promises(start, 1.0) || !self.is_proportional(candidate) && begins()
-                })
-            };
-            candidates.par_iter().any(is_promising)
+            let candidates = candidates.par_iter();
+            candidates.any(|c| self.is_more_than(least(*c), (&own_base, &laws), base, *c))
+        })
+    }
+
+    /// Whether one candidate promises more than `least` beside laws, from any of its starts.
+    fn is_more_than(
+        &self,
+        least: f64,
+        (base, laws): (&Base, &BesideLaws),
+        hypothesis: &Hypothesis,
+        c: usize,
+    ) -> bool {
+        let candidate = &self.model.candidates()[c];
+        // With laws and all values free there is nothing that takes up what is missing.
+        let is_right = |share: f64| share > 0.0 || candidate.has_two_signs();
+        let promises = |start: &[f64], scale: f64| {
+            let change = self.change(base, hypothesis, (c, start));
+            let promised = change.map(|change| promised_beside_laws(base, laws, &change, scale));
+            let mut promised = promised.into_iter().flatten().flatten();
+            promised.any(|(promise, share)| is_right(share) && promise > least)
+        };
+        let starts = starts(&candidate.parameters);
+        let mut starts = starts.iter();
+        starts.any(|start| {
+            let begins = || promises(&small(&candidate.parameters, start), SMALL);
+            promises(start, 1.0) || !self.is_proportional(candidate) && begins()
         })
     }
 
@@ -196,9 +201,8 @@ impl<M: Model> Engine<'_, M> {
         with.push((c, values.map(|(p, x)| p.value(*x)).collect()));
         let with = (&base.nominal[..], &with[..]);
         let moves = |block| candidate.blocks.contains(&block);
-        let mut problem = self.problem(&[], &[], &[]);
-        problem.expected = base.expected;
-        problem.change(&base.about, &moves, with)
+        self.problem(&[], &[], &[])
+            .change(&base.about, &moves, with)
     }
 
     /// All records, with what they have of their own as expected.
@@ -269,14 +273,13 @@ impl<M: Model> Engine<'_, M> {
             nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about,
-            expected: true,
             slopes,
             priors,
         };
         Some((base, alone))
     }
 
-    /// Blocks with the laws of effects, about where the evidence is, and what is left beside these.
+    /// Blocks about `base` with the laws of its effects, and what is left beside these.
     fn base_beside_laws(
         &self,
         base: &Hypothesis,
@@ -301,7 +304,6 @@ impl<M: Model> Engine<'_, M> {
             nominal: problem.nominal(&found.x),
             residuals: found.residuals,
             about: expanded.about,
-            expected: false,
             slopes,
             priors,
         };
@@ -323,9 +325,8 @@ fn promised_beside_laws(
         return [of_values, None];
     }
     let with = base.slopes.beside(change);
-    let mut priors = base.priors.clone();
-    // Else what is best is a zone without end.
-    priors.extend([(0.0, scale / EFFECT_PRIOR)]);
+    // Without a prior of the share what is best is a zone without end.
+    let priors = [&base.priors[..], &[(0.0, scale / EFFECT_PRIOR)]].concat();
     let (linearized, mut step) = linearized(&base.residuals, &with, &priors);
     let last = step.len() - 1;
     let share = step[last];
@@ -505,6 +506,7 @@ mod tests {
         assert!(promised(-1.0, -10.0) > 5000.0);
         assert_eq!(promised(-1.0, 0.0), 0.0);
     }
+
     /// One with which nothing changes, beside another at whose fit the zero is not as expected.
     #[test]
     fn what_does_nothing_promises_nothing() {
