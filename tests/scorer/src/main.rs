@@ -132,6 +132,9 @@ struct RunArgs {
     /// Only cases that hide this effect; may be given more than once
     #[arg(long, value_name = "NAME")]
     effect: Vec<String>,
+    /// Only cases whose records have at most so many rows each
+    #[arg(long, value_name = "ROWS")]
+    rows_most: Option<usize>,
     /// Folder of the cases and the score
     #[arg(long, value_name = "DIR", default_value = "out/score")]
     out: PathBuf,
@@ -255,6 +258,7 @@ fn run_and_score(args: &RunArgs) -> Result<bool, Error> {
         count: args.count,
         kinds: args.kind.clone(),
         effects: args.effect.clone(),
+        rows_most: args.rows_most,
     };
     let cases = run(&args.out, &selection, &args.tool.tool())?;
     let crc32 = program_crc32(&args.tool.diagnose)?;

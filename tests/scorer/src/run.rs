@@ -83,6 +83,8 @@ pub struct Selection {
     pub kinds: Vec<Kind>,
     /// Only cases that hide one of these effects, if any.
     pub effects: Vec<String>,
+    /// Only cases whose records have at most so many rows each, if given.
+    pub rows_most: Option<usize>,
 }
 
 impl Selection {
@@ -97,13 +99,16 @@ impl Selection {
             let hides = |effect: &String| names.iter().any(|name| name == effect);
             (self.kinds.is_empty() || self.kinds.iter().any(kind))
                 && (self.effects.is_empty() || self.effects.iter().any(hides))
+                && self
+                    .rows_most
+                    .is_none_or(|most| self.family.rows(self.seed, *index) <= most)
         };
         // a selection that nothing fits must not be searched for ever
         let searched = self.first..self.first.saturating_add(SEARCHED);
         let indices: Vec<u64> = searched.filter(fits).take(self.count).collect();
         if indices.len() < self.count {
             let why = format!(
-                "only {} such cases: is the effect's name right?",
+                "only {} such cases: is the effect's name right, are there so short records?",
                 indices.len()
             );
             return Err(Error::Other(why));

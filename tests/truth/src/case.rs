@@ -296,6 +296,13 @@ impl Scene {
     }
 }
 
+/// Rows of each record of case `index` of `seed`, known without simulating it.
+#[must_use]
+pub fn rows(seed: u64, index: u64) -> usize {
+    let scene = Scene::draw(&plan(seed, index), &mut generator(seed, index, 2));
+    (scene.variant.duration_s / scene.variant.period_s).round() as usize + 1
+}
+
 /// An additional record of case `index` of `seed` with the given test signal, as CSV. If the signal
 /// may shut the shut-off valve between valve and muscle, the record has a column `valve_open`.
 ///

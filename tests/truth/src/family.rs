@@ -53,6 +53,15 @@ impl Family {
         format!("{letter}{seed}-{index:05}")
     }
 
+    /// Rows of each record of case `index` of `seed`, known without simulating it.
+    #[must_use]
+    pub fn rows(self, seed: u64, index: u64) -> usize {
+        match self {
+            Family::Drawn => drawn::rows(seed, index),
+            Family::CatalogueLike => crate::rows(seed, index),
+        }
+    }
+
     /// Simulates case `index` of `seed`.
     #[must_use]
     pub fn case(self, seed: u64, index: u64) -> Case {

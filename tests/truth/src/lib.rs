@@ -49,7 +49,7 @@ mod rig;
 #[cfg(test)]
 mod tests;
 
-pub use case::{Case, Kind, Plan, Planned, case, experiment, plan};
+pub use case::{Case, Kind, Plan, Planned, case, experiment, plan, rows};
 pub use drive::Drive;
 pub use effects::{CATALOGUE, Entry, Form};
 pub use family::Family;

@@ -202,10 +202,15 @@ impl Clock {
         }
     }
 
+    /// Rows of a record.
+    pub(crate) fn rows(&self) -> usize {
+        (self.duration_s * self.rate_hz).round() as usize + 1
+    }
+
     /// Times of rows from `-unrecorded_s` on, to the microsecond; one is zero.
     pub(crate) fn times_s(&self, unrecorded_s: f64, rng: &mut Pcg64) -> (Vec<f64>, usize) {
         let unrecorded = (unrecorded_s * self.rate_hz).round() as usize;
-        let rows = (self.duration_s * self.rate_hz).round() as usize + 1;
+        let rows = self.rows();
         let time_s = |i: usize| {
             let late = if self.jitter > 0.0 && i != unrecorded {
                 self.jitter * rng.random_range(-1.0..1.0)

@@ -177,6 +177,12 @@ impl Scene {
     }
 }
 
+/// Rows of each record of case `index` of `seed`, known without simulating it.
+#[must_use]
+pub fn rows(seed: u64, index: u64) -> usize {
+    Scene::draw(&plan(seed, index)).clock.rows()
+}
+
 /// An additional record of case `index` of `seed` with the given test signal, as CSV. If the signal
 /// may shut the shut-off valve between valve and muscle, the record has a column `valve_open`.
 ///

@@ -33,7 +33,7 @@ mod shape;
 #[cfg(test)]
 mod tests;
 
-pub use case::{Plan, case, experiment, plan};
+pub use case::{Plan, case, experiment, plan, rows};
 pub use effects::{DRAWN, Entry};
 
 /// First seed of the reporting set.

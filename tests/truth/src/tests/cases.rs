@@ -9,7 +9,7 @@ use super::{Rig, bare, draw, pieces, with};
 use crate::effects::CATALOGUE;
 use crate::hidden::Reading;
 use crate::record::Sensors;
-use crate::{Drive, Kind, case, experiment, plan};
+use crate::{Drive, Kind, case, experiment, plan, rows};
 
 /// First number of a kind.
 fn first(kind: Kind) -> u64 {
@@ -80,6 +80,7 @@ fn a_case_is_reproducible_and_its_files_agree() {
     assert_eq!(texts.len(), 5, "drives differ");
     for text in texts {
         assert!(text.starts_with("time_s,pressure_ref_pa,pressure_pa,contraction"));
+        assert_eq!(text.lines().count(), 1 + rows(1, index));
         for row in text.lines().skip(1) {
             let reference: f64 = row
                 .split(',')

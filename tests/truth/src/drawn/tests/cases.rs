@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::super::bench::{self, Bench, Clock};
 use super::super::effects::DRAWN;
-use super::super::{REPORTING_SEED, case, experiment, plan, set};
+use super::super::{REPORTING_SEED, case, experiment, plan, rows, set};
 use super::rng;
 use crate::machine::GRAVITY_M_PER_S2;
 use crate::record::Sensors;
@@ -143,12 +143,15 @@ fn a_case_is_reproducible_and_its_records_stay_within_the_rigs_limits() {
             5,
             "drives differ"
         );
+        let number = |key: &str| case.answer[key].as_u64().expect("a number");
+        let expected_rows = rows(number("seed"), number("index"));
         let supply_pa: f64 = case.answer["true_rig"]["supply_pressure_pa"]
             .as_f64()
             .expect("a number");
         for text in &texts {
             let times_s = column(text, "time_s");
             assert_eq!(times_s[0], 0.0);
+            assert_eq!(times_s.len(), expected_rows);
             let reference_pa = column(text, "pressure_ref_pa");
             assert!(reference_pa.iter().all(|pa| (0.0..=supply_pa).contains(pa)));
             let contraction = column(text, "contraction");
