@@ -187,6 +187,12 @@ pub trait Model: Sync {
     }
     /// Against what the residuals of a block over a record are looked at.
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
+    /// Whether the law of a candidate may vary with a quantity of the context, beyond every form:
+    /// what the part that has the effect can feel. By default with all but direction and time, by
+    /// which effects are told from each other.
+    fn varies_with(&self, _candidate: usize, quantity: &str) -> bool {
+        !["direction", "time"].contains(&quantity)
+    }
     /// When the residuals of a block over a record were measured, and how far they may be off in a
     /// sound rig; by default in the order of their coordinate `time`, if there is one, and by a
     /// third of their noise.

@@ -309,8 +309,13 @@ impl Linear {
 
     /// The normal equations with the most probable process.
     fn normal(&self, evidence: &Evidence) -> Normal {
-        let mut normal = self.prior(evidence.unknown.outside);
-        for (block, place) in self.blocks.iter().zip(&evidence.places) {
+        self.normal_of(evidence.unknown, &evidence.places)
+    }
+
+    /// The normal equations with a process for each block.
+    fn normal_of(&self, unknown: Unknown, places: &[usize]) -> Normal {
+        let mut normal = self.prior(unknown.outside);
+        for (block, place) in self.blocks.iter().zip(places) {
             normal.add(&block.whitened[*place]);
         }
         normal
@@ -331,6 +336,54 @@ impl Linear {
     ) -> Option<DVector<f64>> {
         let normal = self.normal(evidence).damped(damping, weights);
         Some(normal.solved(&self.priors)?.1)
+    }
+
+    /// `weights` with those from `first` on where they are most probable beside the others, which
+    /// are held.
+    pub(crate) fn settled(
+        &self,
+        unknown: Unknown,
+        first: usize,
+        weights: &DVector<f64>,
+    ) -> Option<DVector<f64>> {
+        let open: Vec<usize> = (first..self.weights()).collect();
+        let mut settled = weights.clone();
+        let mut places = Vec::new();
+        for _ in 0..PASSES {
+            let before = places;
+            places = self.places(unknown, &settled);
+            if places == before {
+                break;
+            }
+            let normal = self.normal_of(unknown, &places);
+            let mut held = settled.clone();
+            held.rows_mut(first, open.len()).fill(0.0);
+            let vector = (&normal.vector - &normal.matrix * &held).select_rows(&open);
+            let matrix = normal.matrix.select_rows(&open).select_columns(&open);
+            let free = Cholesky::new(matrix.clone())?.solve(&vector);
+            let rest = Normal {
+                matrix,
+                vector,
+                ..normal
+            };
+            let own = rest.in_range(free, &self.priors[first..])?;
+            settled.rows_mut(first, open.len()).copy_from(&own);
+        }
+        Some(settled)
+    }
+
+    /// The most probable process of each block at `weights`.
+    fn places(&self, unknown: Unknown, weights: &DVector<f64>) -> Vec<usize> {
+        let blocks = self.blocks.iter().enumerate();
+        let place = |(number, block): (usize, &Block)| {
+            let is_unknown = unknown.processes & (1 << number) != 0;
+            let log = |place: &usize| {
+                block.whitened[*place].log_density(weights) + block.log_prior(*place, is_unknown)
+            };
+            let places = 0..block.whitened.len();
+            places.max_by(|a, b| log(a).total_cmp(&log(b))).unwrap_or(0)
+        };
+        blocks.map(place).collect()
     }
 
     /// What is left of `blocks`, which these are, beside the most probable weights.
@@ -549,6 +602,22 @@ mod tests {
         let factor = Cholesky::new(covariance).expect("positive");
         let half_log: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
         -0.5 * factor.solve(&residual).dot(&residual) - half_log
+    }
+
+    #[test]
+    fn what_is_settled_is_most_probable_beside_what_is_held() {
+        let linear = linear(&[Prior::new(0.0, 1.0), Prior::new(0.0, 2.0)], 0.0);
+        let unknown = Unknown::process(1);
+        let begin = DVector::from_vec(vec![0.7, -5.0]);
+        let settled = linear.settled(unknown, 1, &begin).expect("weights");
+        assert_eq!(settled[0], 0.7);
+        let log = |second: f64| linear.log_density(unknown, &DVector::from_vec(vec![0.7, second]));
+        let most = log(settled[1]);
+        assert!(most > log(begin[1]));
+        // Each process has a most probable weight of its own: the sum over all has it nearby.
+        for away in [-0.5, 0.5] {
+            assert!(most > log(settled[1] + away), "{away}");
+        }
     }
 
     fn linear(priors: &[Prior], form_error: f64) -> Linear {

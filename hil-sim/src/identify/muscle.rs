@@ -29,7 +29,7 @@ use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Near, Para
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::{Residuals, loss};
 use model_discrepancy::rows::Timeline;
-use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Requirement};
+use muscle_plant::effects::{Catalogue, Effect, EffectKind, Equation, Quantity, Requirement};
 use muscle_plant::nominal::Load;
 use muscle_plant::subsystem::load::GRAVITY_M_PER_S2;
 pub use prepared::Noise;
@@ -498,6 +498,16 @@ impl MuscleModel {
     }
 }
 
+/// The name of a quantity among the coordinates of residuals.
+fn coordinate(quantity: Quantity) -> &'static str {
+    match quantity {
+        Quantity::Pressure => "pressure",
+        Quantity::PressureRate => "pressure rate",
+        Quantity::Contraction => "contraction",
+        Quantity::ContractionRate => "rate",
+    }
+}
+
 impl Model for MuscleModel {
     fn records(&self) -> usize {
         self.records.len()
@@ -579,15 +589,29 @@ impl Model for MuscleModel {
         };
         vec![
             of("direction", "", &|row| record.directions[row]),
-            of("pressure", "Pa", &|row| pressure_pa[row]),
-            of("contraction", "", &|row| contraction[row]),
-            of("rate", "1/s", &|row| record.rates_per_s[row].abs()),
-            of("pressure rate", "Pa/s", &|row| {
+            of(coordinate(Quantity::Pressure), "Pa", &|row| {
+                pressure_pa[row]
+            }),
+            of(coordinate(Quantity::Contraction), "", &|row| {
+                contraction[row]
+            }),
+            of(coordinate(Quantity::ContractionRate), "1/s", &|row| {
+                record.rates_per_s[row].abs()
+            }),
+            of(coordinate(Quantity::PressureRate), "Pa/s", &|row| {
                 let (from, to) = (row.saturating_sub(1), (row + 1).min(time_s.len() - 1));
                 (pressure_pa[to] - pressure_pa[from]) / (time_s[to] - time_s[from])
             }),
             of("time", "s", &|row| time_s[row] - time_s[0]),
         ]
+    }
+
+    fn varies_with(&self, candidate: usize, quantity: &str) -> bool {
+        let kind = self.rig.catalogue.find(self.candidates[candidate].effect);
+        let mut own = kind
+            .map_or(Quantity::ALL, |kind| kind.law_quantities)
+            .iter();
+        own.any(|own| coordinate(*own) == quantity)
     }
 
     fn timeline(&self, record_number: usize, block: usize) -> Timeline {

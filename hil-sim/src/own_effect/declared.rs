@@ -8,7 +8,8 @@ use crate::error::{BadInput, one_of, shown};
 use crate::input::read_text;
 use indexmap::IndexMap;
 use muscle_plant::effects::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use muscle_plant::subsystem::Subsystem;
 use serde::Deserialize;
@@ -291,6 +292,7 @@ fn with_forms(name: &str, spanned: &Spanned<Declared>) -> Result<EffectKind, Wro
         signature: leaked(&declared.signature),
         test_signal: leaked(&declared.test_signal),
         discrepancy_ratio: discrepancy_ratio.map_or(DISCREPANCY_RATIO, |ratio| *ratio.get_ref()),
+        law_quantities: Quantity::ALL,
         compensation: CompensationMethod::Unavailable(
             "the controller does not know effects of one's own",
         ),

@@ -662,65 +662,48 @@ impl<M: Model> Engine<'_, M> {
         unknown: Unknown,
         floor: f64,
     ) -> Option<Mode> {
+        let settled = |own: &Expansion, weights: &DVector<f64>| {
+            own.linear.settled(unknown, own.values, weights)
+        };
+        let density =
+            |own: &Expansion, weights: &DVector<f64>| own.linear.log_density(unknown, weights);
+        weights = settled(&about, &weights)?;
         let mut evidence = about.linear.evidence(unknown)?;
         let mut missing = 0.0;
         let mut damping = 0.0;
         let mut left = EXPANSIONS;
         loop {
-            let density = about.linear.log_density(unknown, &weights);
-            let promised = about.linear.log_density(unknown, &evidence.weights) - density;
-            let is_end = promised < PROMISED || left == 0;
-            let out_of_reach = evidence.log + MISSING * promised < floor;
-            if about.corrections > 0 && (is_end || out_of_reach) {
-                // Only difference quotients say so.
-                about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
-                evidence = about.linear.evidence(unknown)?;
-                left = left.saturating_sub(1);
-                continue;
-            }
+            let reached = density(&about, &weights);
+            let promised = density(&about, &evidence.weights) - reached;
             if promised < PROMISED {
                 break;
             }
-            if out_of_reach {
+            if evidence.log + MISSING * promised < floor {
                 missing = MISSING * promised;
                 break;
             }
-            if left == 0 {
+            let next = (left > 0)
+                .then(|| self.stepped((&about, &weights, &evidence), group, unknown, damping))
+                .flatten();
+            let Some((hypothesis, there)) = next else {
                 // What no step redeems is not there.
                 evidence.log -= promised;
                 break;
-            }
-            let step = about.linear.damped(&evidence, &weights, damping)? - &weights;
-            let mut there = &weights + &step;
-            there.rows_mut(0, about.values).fill(0.0);
-            let next = about.corrected(self, group, &step);
-            let next = next.map(|next| (next.linear.log_density(unknown, &there), next));
-            match next.filter(|(reached, _)| *reached > density) {
-                Some((reached, next)) => {
-                    let redeemed = reached - density > REDEEMED * promised;
-                    about = Arc::new(if redeemed && next.corrections <= CORRECTIONS {
-                        next
-                    } else {
-                        left -= 1;
-                        self.expansion(next.hypothesis, group)?
-                    });
-                    evidence = about.linear.evidence(unknown)?;
-                    weights = there;
+            };
+            left -= 1;
+            let fresh = self.expansion(hypothesis, group);
+            let fresh = fresh.and_then(|fresh| Some((settled(&fresh, &there)?, fresh)));
+            match fresh.filter(|(there, fresh)| density(fresh, there) > reached) {
+                Some((there, fresh)) => {
+                    evidence = fresh.linear.evidence(unknown)?;
+                    (about, weights) = (Arc::new(fresh), there);
                     damping = if damping > DAMPING {
                         damping / DAMPING_FACTOR
                     } else {
                         0.0
                     };
                 }
-                None if about.corrections > 0 => {
-                    left -= 1;
-                    about = Arc::new(self.expansion(about.hypothesis.clone(), group)?);
-                    evidence = about.linear.evidence(unknown)?;
-                }
-                None => {
-                    left -= 1;
-                    damping = (damping * DAMPING_FACTOR).max(DAMPING);
-                }
+                None => damping = (damping * DAMPING_FACTOR).max(DAMPING),
             }
         }
         Some(Mode {
@@ -729,6 +712,57 @@ impl<M: Model> Engine<'_, M> {
             about,
             weights,
         })
+    }
+
+    /// Where steps from an expansion and its weights to the most probable ones, of which the first
+    /// has this `damping`, redeem what they promise about that expansion, corrected by what each
+    /// has shown. None where no step promises and redeems anything.
+    fn stepped(
+        &self,
+        (about, weights, evidence): (&Expansion, &DVector<f64>, &Evidence),
+        group: Group,
+        unknown: Unknown,
+        damping: f64,
+    ) -> Option<(Hypothesis, DVector<f64>)> {
+        let density =
+            |own: &Expansion, weights: &DVector<f64>| own.linear.log_density(unknown, weights);
+        let step = |own: &Expansion, weights: &DVector<f64>, aim: DVector<f64>| {
+            let next = own.corrected(self, group, &(&aim - weights))?;
+            let mut there = aim;
+            there.rows_mut(0, own.values).fill(0.0);
+            let gain = density(&next, &there) - density(own, weights);
+            Some((next, there, gain))
+        };
+        let mut damping = damping;
+        let (mut own, mut there) = loop {
+            let aim = about.linear.damped(evidence, weights, damping)?;
+            let promised = density(about, &aim) - density(about, weights);
+            if promised < PROMISED {
+                return None;
+            }
+            match step(about, weights, aim) {
+                Some((next, there, gain)) if gain > 0.0 => break (next, there),
+                _ => damping = (damping * DAMPING_FACTOR).max(DAMPING),
+            }
+        };
+        while own.corrections < CORRECTIONS {
+            let evidence = own.linear.evidence(unknown)?;
+            let promised = density(&own, &evidence.weights) - density(&own, &there);
+            if promised < PROMISED {
+                break;
+            }
+            let Some((next, further, gain)) = step(&own, &there, evidence.weights) else {
+                break;
+            };
+            if gain <= 0.0 {
+                break;
+            }
+            (own, there) = (next, further);
+            if gain < REDEEMED * promised {
+                break;
+            }
+        }
+        Some((own.hypothesis, there))
     }
 
     /// The evidence of a group of `hypothesis` beside `unknown`, about its mode wherever that is.
@@ -927,7 +961,7 @@ impl<M: Model> Engine<'_, M> {
         let whole = with(&[])?.values;
         let (mut shapes, mut deviations, mut along) = (Vec::new(), Vec::new(), Vec::new());
         if candidate.form_doubt > 0.0 {
-            for (mut own, places) in self.modulations((problem.records, blocks)) {
+            for (mut own, places) in self.modulations(number, (problem.records, blocks)) {
                 for (degree, share) in DEGREES.into_iter().enumerate() {
                     let by = places.map(|place| legendre(place)[degree]);
                     let (shape, mean) = beside(&whole, whole.component_mul(&by));
@@ -983,15 +1017,19 @@ impl<M: Model> Engine<'_, M> {
         others.collect()
     }
 
-    /// The quantities beside the residuals of `blocks` over `records`, from −1 to 1; without
-    /// direction and time, by which other effects are told.
-    fn modulations(&self, (records, blocks): (usize, &[usize])) -> Vec<(Along, DMatrix<f64>)> {
+    /// The quantities beside the residuals of `blocks` over `records`, from −1 to 1, with which the
+    /// law of a candidate may vary.
+    fn modulations(
+        &self,
+        candidate: usize,
+        (records, blocks): (usize, &[usize]),
+    ) -> Vec<(Along, DMatrix<f64>)> {
         let mut shapes: BTreeMap<(&'static str, &'static str), Vec<f64>> = BTreeMap::new();
         let mut rows = 0;
         for record in 0..records {
             for block in blocks {
                 for coordinate in self.model.context(record, *block) {
-                    if !["time", "direction"].contains(&coordinate.name) {
+                    if self.model.varies_with(candidate, coordinate.name) {
                         let values = shapes.entry((coordinate.name, coordinate.unit));
                         let values = values.or_default();
                         values.resize(rows, 0.0);
@@ -1216,6 +1254,7 @@ mod tests {
         nominal_blocks: Vec<Vec<usize>>,
         candidates: Vec<Candidate>,
         residual: fn(usize, &[f64], &[Active]) -> f64,
+        law_of_load: bool,
     }
 
     fn load(row: usize) -> f64 {
@@ -1265,6 +1304,9 @@ mod tests {
                 coordinate("time", "s", |row| 0.03 * row as f64),
             ]
         }
+        fn varies_with(&self, _: usize, quantity: &str) -> bool {
+            quantity == "load" && self.law_of_load
+        }
     }
 
     /// A nominal value on which residuals do not depend linearly, and a slow disturbance, which a
@@ -1309,6 +1351,7 @@ mod tests {
             nominal_blocks: vec![vec![0]],
             candidates: vec![sized_waves()],
             residual: modulated,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
@@ -1321,6 +1364,24 @@ mod tests {
             assert!((value - expected).abs() < 2.0 * sd + 0.01, "{shape:?}");
             assert!(*sd < 0.05, "{shape:?}");
         }
+    }
+
+    /// What feels nothing of the load is no larger where that is.
+    #[test]
+    fn a_law_varies_with_nothing_that_its_part_cannot_feel() {
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![sized_waves()],
+            residual: modulated,
+            law_of_load: false,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        assert!(engine.shapes(&fitted)[0].is_none());
+        let judged = engine.judgements(&fitted, f64::NEG_INFINITY);
+        let judged = judged.expect("judgements");
+        // 0.3 of the wave is left, and unknown.
+        assert!(judged[1].log_evidence > judged[0].log_evidence + 10.0);
     }
 
     /// The same, and a second effect that does what no form but a law of the first one does.
@@ -1343,6 +1404,7 @@ mod tests {
             nominal_blocks: vec![vec![0]],
             candidates: vec![sized_waves(), another],
             residual: modulated_or_both,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
@@ -1357,6 +1419,51 @@ mod tests {
         assert!(is_promising(0.1));
     }
 
+    /// A wave whose length is a parameter, and which is larger where the load is.
+    fn stretched(row: usize, nominal: &[f64], effects: &[Active]) -> f64 {
+        let wave = |size: f64, length: f64| size * 40.0 * (0.02 * row as f64 / length).sin();
+        let own = effects.iter().map(|(_, values)| wave(values[0], values[1]));
+        let noise = (7.3 * row as f64).sin() + 0.01 * nominal[0];
+        own.sum::<f64>() - wave(1.0 + 0.8 * load(row), 1.0) + noise
+    }
+
+    /// The law's columns are those of another length after a step: what it did for the step before
+    /// may be far from what it does now.
+    #[test]
+    fn no_step_makes_a_mode_less_probable() {
+        let mut candidate = sized_waves();
+        candidate.parameters.push(Parameter {
+            name: "length",
+            range: (0.1, 10.0),
+            log: true,
+            neutral: None,
+            ..candidate.parameters[0]
+        });
+        let model = Rows30 {
+            nominal_blocks: vec![vec![0]],
+            candidates: vec![candidate],
+            residual: stretched,
+            law_of_load: true,
+        };
+        let engine = Engine::new(&model);
+        let fitted = engine.hypothesis(&[0]).expect("a fit");
+        let (group, unknown) = ((&[0][..], &[0][..]), Unknown::process(0));
+        for length in [0.6, 0.8, 1.3, 1.7] {
+            let mut begun = fitted.clone();
+            begun.fit.effects[0].1[1] = length;
+            begun.fit.coordinates[0][1] = model.candidates[0].parameters[1].coordinate(length);
+            let begin = Arc::new(engine.expansion(begun, group).expect("residuals"));
+            let none = DVector::zeros(begin.linear.weights());
+            let settled = begin.linear.settled(unknown, begin.values, &none);
+            let begin_log = begin
+                .linear
+                .log_density(unknown, &settled.expect("weights"));
+            let mode = engine.mode((begin, none), group, unknown, f64::NEG_INFINITY);
+            let reached = mode.expect("a mode").log_density(unknown);
+            assert!(reached >= begin_log, "{length}: {reached} from {begin_log}");
+        }
+    }
+
     /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.
     #[test]
     fn evidence_does_not_depend_on_where_the_fit_is() {
@@ -1364,6 +1471,7 @@ mod tests {
             nominal_blocks: vec![vec![0]],
             candidates: Vec::new(),
             residual: disturbed,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[]).expect("a fit");
@@ -1401,6 +1509,7 @@ mod tests {
             nominal_blocks: vec![vec![0], vec![0]],
             candidates: Vec::new(),
             residual: cornered,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[]).expect("a fit");
@@ -1433,6 +1542,7 @@ mod tests {
             nominal_blocks: vec![vec![0]],
             candidates: vec![sized_waves()],
             residual: placed,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
@@ -1462,6 +1572,7 @@ mod tests {
             nominal_blocks: vec![vec![0], vec![0]],
             candidates: Vec::new(),
             residual: curved,
+            law_of_load: true,
         };
         let engine = Engine::new(&model);
         let mut hypothesis = engine.hypothesis(&[]).expect("a fit");

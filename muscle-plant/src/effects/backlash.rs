@@ -5,7 +5,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Observation, Parameter,
-    Requirement,
+    Quantity, Requirement,
 };
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::subsystem::term::Dynamics;
@@ -25,6 +25,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "small triangles about one position with a dial gauge at the load; the encoder \
                   stands still within the play.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "the encoder does not read the motion within the backlash, so the controller cannot react \
          to it",

@@ -1,7 +1,7 @@
 //! `bladder-elasticity`: the stretched bladder takes a force that grows with contraction.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
     REFERENCE_CONTRACTION,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
@@ -20,6 +20,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "a slow ramp of pressure held at four contractions; the offset of force grows \
                   with contraction.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "it changes the static force law, and the controller corrects Eq 1 only for losses",
     ),

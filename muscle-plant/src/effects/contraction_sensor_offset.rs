@@ -14,6 +14,7 @@ pub static KIND: EffectKind = EffectKind {
     signature: "The force law holds at a shifted contraction; the dynamics are unchanged.",
     test_signal: "the muscle vented and hung free: the encoder must read zero.",
     discrepancy_ratio: 0.0,
+    law_quantities: &[],
     compensation: CompensationMethod::Unavailable(
         "not needed: the self-check sets the encoder's zero where the weight rests",
     ),

@@ -5,7 +5,7 @@
 
 use super::{
     CompensationMethod, DecayingForce, EffectKind, Equation, Form, Observation, Parameter,
-    REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, Requirement, lagged,
+    Quantity, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, Requirement, lagged,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -36,6 +36,11 @@ pub static KIND: EffectKind = EffectKind {
                 held.",
     test_signal: "a step up and one down, each held for 60 s with the valve in operation.",
     discrepancy_ratio: 0.1,
+    law_quantities: &[
+        Quantity::Pressure,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ],
     compensation: CompensationMethod::Unavailable(
         "it changes more slowly than a lift, and its present state is not measured",
     ),

@@ -1,7 +1,8 @@
 //! `dead-band`: the bladder presses on the braid only above a threshold pressure.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -21,6 +22,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "a slow ramp from zero pressure at four contractions; the threshold is the same \
                   at each.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "it changes the static force law, and the controller corrects Eq 1 only for losses",
     ),

@@ -2,7 +2,8 @@
 
 use super::orifice::Orifice;
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
@@ -39,6 +40,7 @@ pub static KIND: EffectKind = EffectKind {
                 visible in an amplitude sweep.",
     test_signal: "steps of 20, 50, 100 and 200 kPa, up and down; only the large ones become ramps.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure],
     compensation: CompensationMethod::Unavailable("the valve cannot supply more flow than this"),
     forms: &[
         Form {

@@ -14,6 +14,7 @@ pub static KIND: EffectKind = EffectKind {
     signature: "The reading is off by the same amount everywhere, also where the muscle is slack.",
     test_signal: "the force of the unmounted sensor, and of the vented muscle at each length.",
     discrepancy_ratio: 0.0,
+    law_quantities: &[],
     compensation: CompensationMethod::Unavailable("the controller does not use the force sensor"),
     forms: &[Form {
         name: "constant",

@@ -2,7 +2,7 @@
 
 use super::{
     AddedFriction, CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form,
-    Parameter, Requirement,
+    Parameter, Quantity, Requirement,
 };
 use crate::nominal::Weight;
 use crate::subsystem::load::{LoadPoint, LoadTerm};
@@ -24,6 +24,11 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "triangles at two pressures and two weights; friction does not change with \
                   pressure.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[
+        Quantity::Pressure,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ],
     compensation: CompensationMethod::Friction(added_friction),
     forms: &[
         Form {

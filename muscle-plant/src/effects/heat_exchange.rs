@@ -1,7 +1,8 @@
 //! `heat-exchange`: the heat transfer between the air and the muscle's wall is not the nominal one.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use crate::subsystem::gas::{Exchange, GasPoint, GasTerm};
 use crate::subsystem::term::Dynamics;
@@ -24,6 +25,12 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "steps with the valve shut just after them; the pressure recovers within half a \
                   second.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[
+        Quantity::Pressure,
+        Quantity::PressureRate,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ],
     compensation: CompensationMethod::Unavailable(
         "the valve's own pressure loop corrects most of it",
     ),

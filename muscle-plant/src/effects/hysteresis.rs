@@ -6,8 +6,8 @@
 //! threads together; the share of the rubber itself is present without pressure.
 
 use super::{
-    CompensationMethod, EffectKind, Equation, Form, Observation, Parameter, REFERENCE_PRESSURE_PA,
-    Requirement,
+    CompensationMethod, EffectKind, Equation, Form, Observation, Parameter, Quantity,
+    REFERENCE_PRESSURE_PA, Requirement,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -35,6 +35,11 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "triangles of pressure with minor loops at two loads; a loop in force that grows \
                   with pressure and not with speed is hysteresis.",
     discrepancy_ratio: 0.1,
+    law_quantities: &[
+        Quantity::Pressure,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ],
     compensation: CompensationMethod::HysteresisLoop,
     forms: &[
         Form {

@@ -124,6 +124,29 @@ pub enum Equation {
     Load,
 }
 
+/// A quantity with which the law of an effect may vary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// The muscle's pressure.
+    Pressure,
+    /// Its rate, as a flow makes it.
+    PressureRate,
+    /// The muscle's contraction.
+    Contraction,
+    /// The size of its rate.
+    ContractionRate,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: &'static [Quantity] = &[
+        Quantity::Pressure,
+        Quantity::PressureRate,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ];
+}
+
 /// What a record must contain so that an effect can show in it.
 ///
 /// Without [`MeasuredForce`](Self::MeasuredForce) or [`Motion`](Self::Motion) the effect changes
@@ -173,6 +196,10 @@ pub struct EffectKind {
     /// Share of the effect that is expected to remain as a residual because a rig's equations
     /// differ from every form here \[-\]; 0 where the name determines the form.
     pub discrepancy_ratio: f64,
+    /// What a rig's law of the effect may vary with beyond every form here: what the part of the rig
+    /// that has the effect can feel. A valve knows nothing of the contraction, a mass is the same
+    /// everywhere.
+    pub law_quantities: &'static [Quantity],
     /// How the controller compensates it, or why it does not.
     pub compensation: CompensationMethod,
     /// Its forms; a rig that names none has the first.

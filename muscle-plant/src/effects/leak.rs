@@ -2,7 +2,7 @@
 
 use super::orifice::Orifice;
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
     REFERENCE_PRESSURE_PA, Requirement,
 };
 use crate::subsystem::gas::{Exchange, GasPoint, GasTerm};
@@ -24,6 +24,7 @@ pub static KIND: EffectKind = EffectKind {
                   60 s (`hil-sim experiment --part shut-holds`); the pressure then falls at a rate \
                   that depends on the pressure.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "it needs a raised reference for a steady flow, for which the controller has no stage",
     ),

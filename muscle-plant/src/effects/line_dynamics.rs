@@ -3,8 +3,8 @@
 
 use super::{
     AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
-    INSTANT_S, Observation, Parameter, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA, Requirement,
-    STATE_PA, lagged,
+    INSTANT_S, Observation, Parameter, Quantity, REFERENCE_CONTRACTION, REFERENCE_PRESSURE_PA,
+    Requirement, STATE_PA, lagged,
 };
 use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, GasPoint, GasSubsystem, HEAT_RATIO};
 use crate::subsystem::line::{LinePoint, LineTerm};
@@ -29,6 +29,7 @@ pub static KIND: EffectKind = EffectKind {
                 each fast change while the force does not.",
     test_signal: "fast steps sampled at 1 kHz with sensors at the valve and at the muscle.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::PressureRate],
     compensation: CompensationMethod::Unavailable(
         "it oscillates faster than the controller's tick of 10 ms can follow",
     ),

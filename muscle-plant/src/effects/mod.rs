@@ -18,7 +18,8 @@ pub mod orifice;
 pub use catalogue::Catalogue;
 pub use compensation::{AddedFriction, CompensationMethod, DeadZoneWidths};
 pub use kind::{
-    Build, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Observe, Parameter, Requirement,
+    Build, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Observe, Parameter, Quantity,
+    Requirement,
 };
 pub use observation::{DecayingForce, Observation};
 

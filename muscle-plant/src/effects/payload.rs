@@ -18,6 +18,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "the same triangles with a known weight added; equilibrium and natural frequency \
                   change together.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[],
     compensation: CompensationMethod::Payload(|effect| effect.value("mass_kg").unwrap_or(0.0)),
     forms: &[Form {
         name: "mass",

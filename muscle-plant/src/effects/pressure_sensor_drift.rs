@@ -1,6 +1,8 @@
 //! `pressure-sensor-drift`: the zero of the pressure sensor drifts.
 
-use super::{CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter};
+use super::{
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+};
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::{Subsystem, Term};
@@ -18,6 +20,7 @@ pub static KIND: EffectKind = EffectKind {
                 agree.",
     test_signal: "a vented zero before and after a hold of ten minutes.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure],
     compensation: CompensationMethod::Unavailable("it differs from run to run"),
     forms: &[
         Form {

@@ -1,7 +1,7 @@
 //! `pressure-sensor-gain`: the pressure sensor's span is off.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter,
+    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter, Quantity,
     REFERENCE_PRESSURE_PA,
 };
 use crate::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
@@ -18,6 +18,7 @@ pub static KIND: EffectKind = EffectKind {
                 which force and contraction agree.",
     test_signal: "two known pressures from a gauge, far apart.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure],
     compensation: CompensationMethod::PressureSensorGain(error_at_reference),
     forms: &[
         Form {

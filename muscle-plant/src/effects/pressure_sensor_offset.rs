@@ -15,6 +15,7 @@ pub static KIND: EffectKind = EffectKind {
                 contraction agree.",
     test_signal: "a vented zero, and one known pressure from a gauge.",
     discrepancy_ratio: 0.0,
+    law_quantities: &[],
     compensation: CompensationMethod::PressureSensorOffset(|effect| {
         effect.value("offset_pa").unwrap_or(0.0)
     }),

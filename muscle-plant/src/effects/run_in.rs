@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, DecayingForce, EffectKind, Equation, Form, Observation,
-    Parameter, Requirement,
+    Parameter, Quantity, Requirement,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -25,6 +25,11 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "twenty equal cycles after a rest of an hour; the change ends with cycles, not \
                   with time.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[
+        Quantity::Pressure,
+        Quantity::Contraction,
+        Quantity::ContractionRate,
+    ],
     compensation: CompensationMethod::Unavailable(
         "it changes more slowly than a lift, and its present state is not measured",
     ),

@@ -1,7 +1,8 @@
 //! `slack`: the muscle cannot push, so that its force is limited from below.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use crate::subsystem::muscle::{MusclePoint, MuscleTerm};
 use crate::subsystem::term::Dynamics;
@@ -19,6 +20,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "a slow ramp from a vented muscle with the force channel; the force is flat at \
                   zero below a threshold.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "it changes the static force law, and the controller corrects Eq 1 only for losses",
     ),

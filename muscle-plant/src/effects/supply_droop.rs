@@ -3,7 +3,7 @@
 use super::orifice::Orifice;
 use super::{
     AIR_TEMPERATURE_K, CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form,
-    Parameter, Requirement, STATE_PA,
+    Parameter, Quantity, Requirement, STATE_PA,
 };
 use crate::subsystem::gas::GAS_CONSTANT_J_PER_KG_K;
 use crate::subsystem::supply::{SupplyPoint, SupplyTerm};
@@ -32,6 +32,7 @@ pub static KIND: EffectKind = EffectKind {
                 ones do not.",
     test_signal: "ten large steps up in quick succession, with the supply pressure recorded.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::PressureRate],
     compensation: CompensationMethod::Unavailable("the supply cannot deliver more air than this"),
     forms: &[
         Form {

@@ -1,7 +1,7 @@
 //! `transport-delay`: the reference reaches the valve late.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter,
+    CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form, Parameter, Quantity,
     Requirement, STATE_PA,
 };
 use crate::subsystem::line::{LinePoint, LineTerm};
@@ -19,6 +19,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "steps sampled at 1 kHz; the response starts flat after a delay, and not after a \
                   lag.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure],
     compensation: CompensationMethod::Lag,
     forms: &[
         Form {

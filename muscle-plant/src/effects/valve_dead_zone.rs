@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, DeadZoneWidths, Effect, EffectKind, Equation, Form,
-    Parameter, Requirement,
+    Parameter, Quantity, Requirement,
 };
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
@@ -23,6 +23,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "slow ramps of the reference through five pressures, up and down, at one \
                   contraction.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure],
     compensation: CompensationMethod::ValveDeadZone(widths),
     forms: &[
         Form {

@@ -2,7 +2,7 @@
 
 use super::{
     CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, INSTANT_S, Parameter,
-    Requirement, STATE_PA,
+    Quantity, Requirement, STATE_PA,
 };
 use crate::subsystem::term::Dynamics;
 use crate::subsystem::valve::{ValvePoint, ValveTerm};
@@ -22,6 +22,7 @@ pub static KIND: EffectKind = EffectKind {
                 amplitude.",
     test_signal: "steps of 20, 50, 100 and 200 kPa; a lag rounds all of them in the same way.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Pressure, Quantity::PressureRate],
     compensation: CompensationMethod::Lag,
     forms: &[
         Form {

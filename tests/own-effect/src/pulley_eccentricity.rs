@@ -2,7 +2,8 @@
 //! with its axle.
 
 use muscle_plant::effects::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use muscle_plant::subsystem::sensors::{Reading, SensorPoint, SensorTerm};
 use muscle_plant::subsystem::term::Dynamics;
@@ -20,6 +21,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "slow triangles of contraction at two pressures; the period does not depend on \
                   pressure.",
     discrepancy_ratio: DISCREPANCY_RATIO,
+    law_quantities: &[Quantity::Contraction],
     compensation: CompensationMethod::Unavailable(
         "the pulley belongs to the test bench and not to the assist",
     ),
