@@ -60,8 +60,12 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
         }
         record.gas_doubts_pa = doubts_pa;
     }
-    let rows = about_rows(record.measured.time_s(), &intervals);
-    record.between_pa = rows.iter().map(|row| row.bow_pa).collect();
+    let time_s = record.measured.time_s();
+    let rows = about_rows(time_s, &intervals);
+    let read_pa = record.measured.column(PRESSURE_PA).unwrap_or_default();
+    let above_smooth =
+        |(row, own): (usize, &Between)| own.bow_pa - smooth_bow_pa(time_s, read_pa, row);
+    record.between_pa = rows.iter().enumerate().map(above_smooth).collect();
     let Load::Weight(weight) = rig.nominal.load else {
         return;
     };
@@ -116,6 +120,21 @@ fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
         (squares[rows].iter().sum::<f64>() / count).sqrt()
     };
     Some((0..squares.len()).map(about).collect())
+}
+
+/// By how much the mean of a smooth pressure about a row is above straight lines between the rows
+/// \[Pa\]: what a kernel makes of the rows has that in it. 0 beside an end or a gap.
+fn smooth_bow_pa(time_s: &[f64], read_pa: &[f64], row: usize) -> f64 {
+    if row == 0 || row + 1 >= read_pa.len() {
+        return 0.0;
+    }
+    let (before_s, after_s) = (time_s[row] - time_s[row - 1], time_s[row + 1] - time_s[row]);
+    let slope = |from: usize, length_s: f64| (read_pa[from + 1] - read_pa[from]) / length_s;
+    let half_second = (slope(row, after_s) - slope(row - 1, before_s)) / (before_s + after_s);
+    // A parabola is a sixth of that times the squared length below its chord, in the mean.
+    let squares = (before_s.powi(3) + after_s.powi(3)) / (before_s + after_s);
+    let bow_pa = -half_second * squares / 6.0;
+    if bow_pa.is_finite() { bow_pa } else { 0.0 }
 }
 
 /// The mean of both intervals beside each row.
@@ -192,6 +211,7 @@ fn mean(parts: usize, value: impl Fn(usize) -> f64) -> f64 {
 mod tests {
     use super::super::begin::without;
     use super::super::force::{Force, Forces};
+    use super::super::kernel::Kernel;
     use super::super::residuals::balances;
     use super::*;
     use crate::identify::simulate::simulate;
@@ -254,6 +274,48 @@ mod tests {
         let [with, by_zeros] = [&[bow.clone()][..], others]
             .map(|unknown| rms_n(without(missed.clone(), unknown, None)));
         assert!(with < 0.25 * by_zeros, "{with} of {by_zeros}");
+    }
+
+    /// Rows through a kernel, with what the pressure does between them, are what fifty times as many
+    /// rows are: what is smooth of that the kernel knows from the rows.
+    #[test]
+    fn what_a_kernel_knows_of_the_pressure_is_not_counted_twice() {
+        let rig = Rig::reference();
+        let (fine, coarse) = stepped(&rig);
+        let mut prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
+        let record = &mut prepared[0];
+        tell(record, &rig);
+        let [all_pa, read_pa] = [&fine, &coarse].map(|own| own.column(PRESSURE_PA).expect("it"));
+        let smooth = |row| smooth_bow_pa(coarse.time_s(), read_pa, row);
+        let (mut squares, mut twice) = (0.0, 0.0);
+        for place in 0..80 {
+            let at = |own: &Record| Kernel::at(own.time_s(), 1.0 + 0.1 * f64::from(place), 0.04);
+            let kernel = at(&coarse);
+            let rows = read_pa.iter().zip(&record.between_pa);
+            let above_pa: Vec<f64> = rows.map(|(read, between)| read + between).collect();
+            let off_pa = kernel.value(&above_pa) - at(&fine).value(all_pa);
+            let smooth_pa: Vec<f64> = (0..read_pa.len()).map(smooth).collect();
+            squares += off_pa.powi(2);
+            twice += (off_pa + kernel.value(&smooth_pa)).powi(2);
+        }
+        eprintln!(
+            "{} {}",
+            (squares / 80.0_f64).sqrt(),
+            (twice / 80.0_f64).sqrt()
+        );
+        assert!(squares < 0.25 * twice, "{squares} of {twice}");
+    }
+
+    #[test]
+    fn a_smooth_pressure_is_a_parabola_about_a_row() {
+        let time_s = [0.0, 0.03, 0.09];
+        let read_pa = time_s.map(|t: f64| 1e5 + 2e4 * t - 3e6 * t * t);
+        // Of a parabola the mean above its chord is a twelfth of its second derivative's share.
+        let above_pa = [0.03_f64, 0.06].map(|length| 6e6 * length * length / 12.0);
+        let expected_pa = (0.03 * above_pa[0] + 0.06 * above_pa[1]) / 0.09;
+        assert!((smooth_bow_pa(&time_s, &read_pa, 1) - expected_pa).abs() < 1e-6);
+        assert_eq!(smooth_bow_pa(&time_s, &read_pa, 0), 0.0);
+        assert_eq!(smooth_bow_pa(&time_s, &[1e5, f64::NAN, 1e5], 1), 0.0);
     }
 
     /// A reference in steps of 50 ms, and rows as far apart: what lies between two rows is that of
