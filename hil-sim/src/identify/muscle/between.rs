@@ -276,8 +276,8 @@ mod tests {
         assert!(with < 0.25 * by_zeros, "{with} of {by_zeros}");
     }
 
-    /// Rows through a kernel, with what the pressure does between them, are what fifty times as many
-    /// rows are: what is smooth of that the kernel knows from the rows.
+    /// Rows through a kernel, with what the pressure does between them, are what fifty times as
+    /// many rows are: what is smooth of that the kernel knows from the rows.
     #[test]
     fn what_a_kernel_knows_of_the_pressure_is_not_counted_twice() {
         let rig = Rig::reference();

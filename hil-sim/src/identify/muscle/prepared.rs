@@ -195,8 +195,8 @@ pub(super) struct Prepared {
     pub(super) pressure_span: Span,
     pub(super) force_span: Span,
     pub(super) contraction_moves: bool,
-    /// Of each row: by how much the mean pressure about it is above that of a smooth one through the
-    /// rows \[Pa\]; empty where that is not known.
+    /// Of each row: by how much the mean pressure about it is above that of a smooth one through
+    /// the rows \[Pa\]; empty where that is not known.
     pub(super) between_pa: Vec<f64>,
     /// Of each row: how far the gas may be off for what the contraction does between the rows
     /// \[Pa\]; empty where that is not known.
