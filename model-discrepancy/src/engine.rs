@@ -187,9 +187,9 @@ pub trait Model: Sync {
     }
     /// Against what the residuals of a block over a record are looked at.
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate>;
-    /// Whether the law of a candidate may vary with a quantity of the context, beyond every form:
-    /// what the part that has the effect can feel. By default with all but direction and time, by
-    /// which effects are told from each other.
+    /// Whether the law of a candidate may vary, beyond every form, with a quantity of the context:
+    /// with those that the part which has the effect can feel. By default with all but direction
+    /// and time, by which effects are told from each other.
     fn varies_with(&self, _candidate: usize, quantity: &str) -> bool {
         !["direction", "time"].contains(&quantity)
     }

@@ -339,7 +339,7 @@ impl Linear {
     }
 
     /// `weights` with those from `first` on where they are most probable beside the others, which
-    /// are held.
+    /// are held: no less probable than they are.
     pub(crate) fn settled(
         &self,
         unknown: Unknown,
@@ -369,7 +369,10 @@ impl Linear {
             let own = rest.in_range(free, &self.priors[first..])?;
             settled.rows_mut(first, open.len()).copy_from(&own);
         }
-        Some(settled)
+        // About the most probable processes, of which the density has all.
+        let log = |weights| self.log_density(unknown, weights);
+        let is_more = log(&settled) >= log(weights);
+        Some(if is_more { settled } else { weights.clone() })
     }
 
     /// The most probable process of each block at `weights`.
@@ -377,11 +380,11 @@ impl Linear {
         let blocks = self.blocks.iter().enumerate();
         let place = |(number, block): (usize, &Block)| {
             let is_unknown = unknown.processes & (1 << number) != 0;
-            let log = |place: &usize| {
-                block.whitened[*place].log_density(weights) + block.log_prior(*place, is_unknown)
-            };
-            let places = 0..block.whitened.len();
-            places.max_by(|a, b| log(a).total_cmp(&log(b))).unwrap_or(0)
+            let logs = block.whitened.iter().enumerate().map(|(place, whitened)| {
+                whitened.log_density(weights) + block.log_prior(place, is_unknown)
+            });
+            let most = logs.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+            most.map_or(0, |(place, _)| place)
         };
         blocks.map(place).collect()
     }

@@ -608,10 +608,11 @@ impl Model for MuscleModel {
 
     fn varies_with(&self, candidate: usize, quantity: &str) -> bool {
         let kind = self.rig.catalogue.find(self.candidates[candidate].effect);
-        let mut own = kind
-            .map_or(Quantity::ALL, |kind| kind.law_quantities)
-            .iter();
-        own.any(|own| coordinate(*own) == quantity)
+        let varies = |kind: &EffectKind| {
+            let mut known = kind.law_quantities.iter();
+            known.any(|known| coordinate(*known) == quantity)
+        };
+        kind.is_some_and(varies)
     }
 
     fn timeline(&self, record_number: usize, block: usize) -> Timeline {

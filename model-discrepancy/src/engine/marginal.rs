@@ -39,8 +39,8 @@ const WIDE: f64 = 0.5;
 /// Rows nearer together than this are merged into their mean \[s\]: what is left changes little in
 /// that time.
 const MERGED_S: f64 = 0.03;
-/// The evidence is expanded anew, or a step refused, so often at most, as long as a step to the
-/// most probable values promises so many nats.
+/// The evidence is expanded anew so often at most, as long as a step to the most probable values
+/// promises so many nats.
 const EXPANSIONS: usize = 12;
 const PROMISED: f64 = 1.0;
 /// An expansion is corrected so often in a row, as long as a step redeems this share of its
@@ -126,8 +126,6 @@ struct Expansion {
     linear: Linear,
     /// What `linear` is of, block by block.
     left: Vec<Left>,
-    /// By how many steps the columns have been corrected since they were difference quotients.
-    corrections: usize,
     shown: Arc<[Shown]>,
     /// What nominal values do in each block beyond their tolerances, as an RMS in bases.
     excess: Vec<f64>,
@@ -188,12 +186,17 @@ impl Expansion {
             linear: Linear::new(remainders, priors, engine.places_of(&free, group.0)),
             hypothesis,
             left,
-            corrections: self.corrections + 1,
             shown: Arc::clone(&self.shown),
             excess: self.excess.clone(),
             along: self.along.clone(),
             values: self.values,
         })
+    }
+
+    /// Log density beside `unknown` at `weights`, with those of laws where they are most probable.
+    fn settled_log_density(&self, unknown: Unknown, weights: &DVector<f64>) -> Option<f64> {
+        let settled = self.linear.settled(unknown, self.values, weights)?;
+        Some(self.linear.log_density(unknown, &settled))
     }
 
     /// The hypothesis with its values moved.
@@ -287,9 +290,9 @@ struct Mode {
 }
 
 impl Mode {
-    /// Log density there beside `unknown`.
-    fn log_density(&self, unknown: Unknown) -> f64 {
-        self.about.linear.log_density(unknown, &self.weights)
+    /// Log density there beside `unknown`, laws where they are most probable beside that.
+    fn log_density(&self, unknown: Unknown) -> Option<f64> {
+        self.about.settled_log_density(unknown, &self.weights)
     }
 
     /// Covariance of the weights.
@@ -626,7 +629,7 @@ impl<M: Model> Engine<'_, M> {
         let first = self.mode(at_fit(), group, *first, floor);
         let begin = |unknown: Unknown| {
             let at_fit = at_fit();
-            let density = fit.linear.log_density(unknown, &at_fit.1);
+            let density = fit.settled_log_density(unknown, &at_fit.1);
             let first = first.as_ref();
             let first = first.filter(|first| first.log_density(unknown) > density);
             first.map_or(at_fit, |first| {
@@ -639,8 +642,9 @@ impl<M: Model> Engine<'_, M> {
         let mut modes: Vec<Option<Mode>> = std::iter::once(first).chain(others).collect();
         for (place, unknown) in unknowns.iter().enumerate() {
             let density = |own: &Mode| own.log_density(*unknown);
-            let reached = modes[place].as_ref().map(density);
-            let others = modes.iter().flatten().map(|own| (density(own), own));
+            let reached = modes[place].as_ref().and_then(density);
+            let others = modes.iter().flatten();
+            let others = others.filter_map(|own| Some((density(own)?, own)));
             let best = others.max_by(|a, b| a.0.total_cmp(&b.0));
             let is_more = |other: f64| reached.is_none_or(|own| other > own + PROMISED);
             let Some((_, other)) = best.filter(|best| is_more(best.0)) else {
@@ -685,25 +689,26 @@ impl<M: Model> Engine<'_, M> {
             let next = (left > 0)
                 .then(|| self.stepped((&about, &weights, &evidence), group, unknown, damping))
                 .flatten();
-            let Some((hypothesis, there)) = next else {
+            let Some((hypothesis, there, needed)) = next else {
                 // What no step redeems is not there.
                 evidence.log -= promised;
                 break;
             };
             left -= 1;
-            let fresh = self.expansion(hypothesis, group);
-            let fresh = fresh.and_then(|fresh| Some((settled(&fresh, &there)?, fresh)));
-            match fresh.filter(|(there, fresh)| density(fresh, there) > reached) {
-                Some((there, fresh)) => {
-                    evidence = fresh.linear.evidence(unknown)?;
-                    (about, weights) = (Arc::new(fresh), there);
-                    damping = if damping > DAMPING {
-                        damping / DAMPING_FACTOR
+            let fresh = self.expansion(hypothesis, group).and_then(|fresh| {
+                let there = settled(&fresh, &there)?;
+                Some((fresh.linear.evidence(unknown)?, there, fresh))
+            });
+            match fresh.filter(|(_, there, fresh)| density(fresh, there) > reached) {
+                Some((own, there, fresh)) => {
+                    (about, weights, evidence) = (Arc::new(fresh), there, own);
+                    damping = if needed > DAMPING {
+                        needed / DAMPING_FACTOR
                     } else {
                         0.0
                     };
                 }
-                None => damping = (damping * DAMPING_FACTOR).max(DAMPING),
+                None => damping = (needed * DAMPING_FACTOR).max(DAMPING),
             }
         }
         Some(Mode {
@@ -714,55 +719,48 @@ impl<M: Model> Engine<'_, M> {
         })
     }
 
-    /// Where steps from an expansion and its weights to the most probable ones, of which the first
-    /// has this `damping`, redeem what they promise about that expansion, corrected by what each
-    /// has shown. None where no step promises and redeems anything.
+    /// Where steps from an expansion and its weights to the most probable ones redeem what they
+    /// promise about that expansion, corrected by what each has shown, and the damping that they
+    /// needed, at least this one. None where no step promises and redeems anything.
     fn stepped(
         &self,
         (about, weights, evidence): (&Expansion, &DVector<f64>, &Evidence),
         group: Group,
         unknown: Unknown,
-        damping: f64,
-    ) -> Option<(Hypothesis, DVector<f64>)> {
-        let density =
-            |own: &Expansion, weights: &DVector<f64>| own.linear.log_density(unknown, weights);
+        mut damping: f64,
+    ) -> Option<(Hypothesis, DVector<f64>, f64)> {
+        // After a step: the expansion there, the weights, and whether it was as good as promised.
         let step = |own: &Expansion, weights: &DVector<f64>, aim: DVector<f64>| {
-            let next = own.corrected(self, group, &(&aim - weights))?;
+            let before = own.linear.log_density(unknown, weights);
+            let promised = own.linear.log_density(unknown, &aim) - before;
+            // Not of what is no number either.
+            let is_worth = promised >= PROMISED;
+            let after = is_worth.then(|| own.corrected(self, group, &(&aim - weights)));
             let mut there = aim;
             there.rows_mut(0, own.values).fill(0.0);
-            let gain = density(&next, &there) - density(own, weights);
-            Some((next, there, gain))
+            let after = after.flatten().and_then(|next| {
+                let gain = next.linear.log_density(unknown, &there) - before;
+                (gain > 0.0).then_some((next, there, gain > REDEEMED * promised))
+            });
+            (is_worth, after)
         };
-        let mut damping = damping;
-        let (mut own, mut there) = loop {
+        let (mut own, mut there, mut is_good) = loop {
             let aim = about.linear.damped(evidence, weights, damping)?;
-            let promised = density(about, &aim) - density(about, weights);
-            if promised < PROMISED {
-                return None;
-            }
             match step(about, weights, aim) {
-                Some((next, there, gain)) if gain > 0.0 => break (next, there),
-                _ => damping = (damping * DAMPING_FACTOR).max(DAMPING),
+                (false, _) => return None,
+                (true, Some(after)) => break after,
+                (true, None) => damping = (damping * DAMPING_FACTOR).max(DAMPING),
             }
         };
-        while own.corrections < CORRECTIONS {
-            let evidence = own.linear.evidence(unknown)?;
-            let promised = density(&own, &evidence.weights) - density(&own, &there);
-            if promised < PROMISED {
-                break;
-            }
-            let Some((next, further, gain)) = step(&own, &there, evidence.weights) else {
+        for _ in 1..CORRECTIONS {
+            let evidence = is_good.then(|| own.linear.evidence(unknown)).flatten();
+            let aim = evidence.and_then(|evidence| own.linear.damped(&evidence, &there, damping));
+            let Some(after) = aim.and_then(|aim| step(&own, &there, aim).1) else {
                 break;
             };
-            if gain <= 0.0 {
-                break;
-            }
-            (own, there) = (next, further);
-            if gain < REDEEMED * promised {
-                break;
-            }
+            (own, there, is_good) = after;
         }
-        Some((own.hypothesis, there))
+        Some((own.hypothesis, there, damping))
     }
 
     /// The evidence of a group of `hypothesis` beside `unknown`, about its mode wherever that is.
@@ -854,7 +852,6 @@ impl<M: Model> Engine<'_, M> {
             values: found.x.len(),
             linear: Linear::new(remainders, priors, self.places_of(&free, blocks)),
             left,
-            corrections: 0,
             hypothesis,
             shown: shown.into(),
             excess,
@@ -1459,7 +1456,8 @@ mod tests {
                 .linear
                 .log_density(unknown, &settled.expect("weights"));
             let mode = engine.mode((begin, none), group, unknown, f64::NEG_INFINITY);
-            let reached = mode.expect("a mode").log_density(unknown);
+            let reached = mode.and_then(|mode| mode.log_density(unknown));
+            let reached = reached.expect("a mode");
             assert!(reached >= begin_log, "{length}: {reached} from {begin_log}");
         }
     }

@@ -24,11 +24,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "triangles at two pressures and two weights; friction does not change with \
                   pressure.",
     discrepancy_ratio: DISCREPANCY_RATIO,
-    law_quantities: &[
-        Quantity::Pressure,
-        Quantity::Contraction,
-        Quantity::ContractionRate,
-    ],
+    law_quantities: &[Quantity::ContractionRate],
     compensation: CompensationMethod::Friction(added_friction),
     forms: &[
         Form {

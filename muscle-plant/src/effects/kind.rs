@@ -197,8 +197,8 @@ pub struct EffectKind {
     /// differ from every form here \[-\]; 0 where the name determines the form.
     pub discrepancy_ratio: f64,
     /// What a rig's law of the effect may vary with beyond every form here: what the part of the
-    /// rig that has the effect can feel. A valve knows nothing of the contraction, a mass is the
-    /// same everywhere.
+    /// rig that has the effect can feel. A valve knows nothing of the contraction, and a mass,
+    /// which may hang on a chain, of nothing but that.
     pub law_quantities: &'static [Quantity],
     /// How the controller compensates it, or why it does not.
     pub compensation: CompensationMethod,

@@ -1,7 +1,8 @@
 //! `payload`: a mass beside the nominal one.
 
 use super::{
-    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Requirement,
+    CompensationMethod, DISCREPANCY_RATIO, EffectKind, Equation, Form, Parameter, Quantity,
+    Requirement,
 };
 use crate::nominal::Weight;
 use crate::subsystem::load::{LoadPoint, LoadTerm};
@@ -18,7 +19,7 @@ pub static KIND: EffectKind = EffectKind {
     test_signal: "the same triangles with a known weight added; equilibrium and natural frequency \
                   change together.",
     discrepancy_ratio: DISCREPANCY_RATIO,
-    law_quantities: &[],
+    law_quantities: &[Quantity::Contraction],
     compensation: CompensationMethod::Payload(|effect| effect.value("mass_kg").unwrap_or(0.0)),
     forms: &[Form {
         name: "mass",

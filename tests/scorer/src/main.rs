@@ -134,7 +134,7 @@ struct RunArgs {
     effect: Vec<String>,
     /// Only cases whose records have at most so many rows each
     #[arg(long, value_name = "ROWS")]
-    rows_most: Option<usize>,
+    max_rows: Option<usize>,
     /// Folder of the cases and the score
     #[arg(long, value_name = "DIR", default_value = "out/score")]
     out: PathBuf,
@@ -258,7 +258,7 @@ fn run_and_score(args: &RunArgs) -> Result<bool, Error> {
         count: args.count,
         kinds: args.kind.clone(),
         effects: args.effect.clone(),
-        rows_most: args.rows_most,
+        max_rows: args.max_rows,
     };
     let cases = run(&args.out, &selection, &args.tool.tool())?;
     let crc32 = program_crc32(&args.tool.diagnose)?;

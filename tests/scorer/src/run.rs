@@ -84,7 +84,7 @@ pub struct Selection {
     /// Only cases that hide one of these effects, if any.
     pub effects: Vec<String>,
     /// Only cases whose records have at most so many rows each, if given.
-    pub rows_most: Option<usize>,
+    pub max_rows: Option<usize>,
 }
 
 impl Selection {
@@ -100,7 +100,7 @@ impl Selection {
             (self.kinds.is_empty() || self.kinds.iter().any(kind))
                 && (self.effects.is_empty() || self.effects.iter().any(hides))
                 && self
-                    .rows_most
+                    .max_rows
                     .is_none_or(|most| self.family.rows(self.seed, *index) <= most)
         };
         // a selection that nothing fits must not be searched for ever
@@ -108,7 +108,7 @@ impl Selection {
         let indices: Vec<u64> = searched.filter(fits).take(self.count).collect();
         if indices.len() < self.count {
             let why = format!(
-                "only {} such cases: is the effect's name right, are there so short records?",
+                "only {} such cases: expected an effect that there is, and records of so few rows",
                 indices.len()
             );
             return Err(Error::Other(why));

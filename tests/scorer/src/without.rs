@@ -94,7 +94,7 @@ pub fn without(
         count,
         kinds: vec![Kind::Single],
         effects: vec![name.into()],
-        rows_most: None,
+        max_rows: None,
     };
     let collected = run::run(&out.join(name), &selection, &tool)?;
     let cases: Vec<Scored> = collected.iter().map(Scored::new).collect();
