@@ -66,6 +66,11 @@ impl Unknown {
         }
     }
 
+    /// Whether that of a block may have any amplitude.
+    fn has_process(self, block: usize) -> bool {
+        self.processes & (1 << block) != 0
+    }
+
     /// Nominal values of these blocks outside their tolerances.
     pub(crate) fn outside(blocks: Blocks) -> Unknown {
         Unknown {
@@ -173,17 +178,22 @@ impl Normal {
     /// of their `priors`: a Gaussian about these.
     fn solved(&self, priors: &[Prior]) -> Option<(f64, DVector<f64>)> {
         let factor = Cholesky::new(self.matrix.clone())?;
-        let weights = self.in_range(factor.solve(&self.vector), priors)?;
+        let open = (0..priors.len()).collect();
+        let weights = self.in_range(factor.solve(&self.vector), open, priors)?;
         let half_log: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
         let log = self.log_density(&weights) - half_log;
         log.is_finite().then_some((log, weights))
     }
 
-    /// The most probable weights in the range of their `priors`, of which `weights` are the most
-    /// probable ones anywhere: those that are beyond it are held at its end, and the others solved
-    /// for again.
-    fn in_range(&self, mut weights: DVector<f64>, priors: &[Prior]) -> Option<DVector<f64>> {
-        let mut open: Vec<usize> = (0..weights.len()).collect();
+    /// The most probable weights in the range of their `priors`, of which `weights` have those that
+    /// are `open` where they are most probable anywhere: those that are beyond it are held at its
+    /// end, and the others solved for again.
+    fn in_range(
+        &self,
+        mut weights: DVector<f64>,
+        mut open: Vec<usize>,
+        priors: &[Prior],
+    ) -> Option<DVector<f64>> {
         loop {
             let held = open.len();
             open.retain(|place| {
@@ -197,16 +207,22 @@ impl Normal {
             if open.len() == held {
                 return Some(weights);
             }
-            for place in &open {
-                weights[*place] = 0.0;
-            }
-            let rest = (&self.vector - &self.matrix * &weights).select_rows(&open);
-            let matrix = self.matrix.select_rows(&open).select_columns(&open);
-            let solved = Cholesky::new(matrix)?.solve(&rest);
-            for (place, value) in open.iter().zip(&solved) {
-                weights[*place] = *value;
-            }
+            weights = self.beside(weights, &open)?;
         }
+    }
+
+    /// `weights` with those that are `open` where they are most probable beside the others.
+    fn beside(&self, mut weights: DVector<f64>, open: &[usize]) -> Option<DVector<f64>> {
+        for place in open {
+            weights[*place] = 0.0;
+        }
+        let rest = (&self.vector - &self.matrix * &weights).select_rows(open);
+        let matrix = self.matrix.select_rows(open).select_columns(open);
+        let solved = Cholesky::new(matrix)?.solve(&rest);
+        for (place, value) in open.iter().zip(&solved) {
+            weights[*place] = *value;
+        }
+        Some(weights)
     }
 
     /// The same, with weights drawn to `weights` so many times as strongly as the data and the
@@ -298,11 +314,7 @@ impl Linear {
     /// Log density of the residuals at `weights`, by the same measure as the evidence.
     pub(crate) fn log_density(&self, unknown: Unknown, weights: &DVector<f64>) -> f64 {
         let blocks = self.blocks.iter().enumerate().map(|(number, block)| {
-            let is_unknown = unknown.processes & (1 << number) != 0;
-            let places = block.whitened.iter().enumerate().map(|(place, whitened)| {
-                whitened.log_density(weights) + block.log_prior(place, is_unknown)
-            });
-            log_sum(places)
+            log_sum(block.log_densities(unknown.has_process(number), weights))
         });
         self.prior(unknown.outside).log_density(weights) + blocks.sum::<f64>()
     }
@@ -356,18 +368,8 @@ impl Linear {
                 break;
             }
             let normal = self.normal_of(unknown, &places);
-            let mut held = settled.clone();
-            held.rows_mut(first, open.len()).fill(0.0);
-            let vector = (&normal.vector - &normal.matrix * &held).select_rows(&open);
-            let matrix = normal.matrix.select_rows(&open).select_columns(&open);
-            let free = Cholesky::new(matrix.clone())?.solve(&vector);
-            let rest = Normal {
-                matrix,
-                vector,
-                ..normal
-            };
-            let own = rest.in_range(free, &self.priors[first..])?;
-            settled.rows_mut(first, open.len()).copy_from(&own);
+            settled = normal.beside(settled, &open)?;
+            settled = normal.in_range(settled, open.clone(), &self.priors)?;
         }
         // About the most probable processes, of which the density has all.
         let log = |weights| self.log_density(unknown, weights);
@@ -377,16 +379,12 @@ impl Linear {
 
     /// The most probable process of each block at `weights`.
     fn places(&self, unknown: Unknown, weights: &DVector<f64>) -> Vec<usize> {
-        let blocks = self.blocks.iter().enumerate();
         let place = |(number, block): (usize, &Block)| {
-            let is_unknown = unknown.processes & (1 << number) != 0;
-            let logs = block.whitened.iter().enumerate().map(|(place, whitened)| {
-                whitened.log_density(weights) + block.log_prior(place, is_unknown)
-            });
+            let logs = block.log_densities(unknown.has_process(number), weights);
             let most = logs.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
             most.map_or(0, |(place, _)| place)
         };
-        blocks.map(place).collect()
+        self.blocks.iter().enumerate().map(place).collect()
     }
 
     /// What is left of `blocks`, which these are, beside the most probable weights.
@@ -441,12 +439,12 @@ impl Linear {
                 for (other, place) in places.iter().enumerate().filter(|(n, _)| *n != number) {
                     others.add(&self.blocks[other].whitened[*place]);
                     others.half_log_determinant -=
-                        self.blocks[other].log_prior(*place, unknown.processes & (1 << other) != 0);
+                        self.blocks[other].log_prior(*place, unknown.has_process(other));
                 }
                 let solved = |place: usize| {
                     let mut normal = others.clone();
                     normal.add(&block.whitened[place]);
-                    let prior = block.log_prior(place, unknown.processes & (1 << number) != 0);
+                    let prior = block.log_prior(place, unknown.has_process(number));
                     let (log, weights) = normal.solved(&self.priors)?;
                     Some((log + prior, place, weights))
                 };
@@ -541,6 +539,18 @@ impl Beside {
 }
 
 impl Block {
+    /// Log density at `weights` with each process of the grid, times its prior.
+    fn log_densities(
+        &self,
+        unknown: bool,
+        weights: &DVector<f64>,
+    ) -> impl Iterator<Item = f64> + Clone {
+        let processes = self.whitened.iter().enumerate();
+        processes.map(move |(place, whitened)| {
+            whitened.log_density(weights) + self.log_prior(place, unknown)
+        })
+    }
+
     fn log_prior(&self, place: usize, unknown: bool) -> f64 {
         if unknown {
             self.unknown

@@ -1254,6 +1254,21 @@ mod tests {
         law_of_load: bool,
     }
 
+    impl Rows30 {
+        /// With one nominal value, and laws that vary with the load.
+        fn new(
+            candidates: Vec<Candidate>,
+            residual: fn(usize, &[f64], &[Active]) -> f64,
+        ) -> Rows30 {
+            Rows30 {
+                nominal_blocks: vec![vec![0]],
+                candidates,
+                residual,
+                law_of_load: true,
+            }
+        }
+    }
+
     fn load(row: usize) -> f64 {
         (0.21 * row as f64).sin()
     }
@@ -1344,12 +1359,7 @@ mod tests {
 
     #[test]
     fn a_shape_is_found_that_no_form_has() {
-        let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![sized_waves()],
-            residual: modulated,
-            law_of_load: true,
-        };
+        let model = Rows30::new(vec![sized_waves()], modulated);
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
         let [Some(shape)] = &engine.shapes(&fitted)[..] else {
@@ -1367,10 +1377,8 @@ mod tests {
     #[test]
     fn a_law_varies_with_nothing_that_its_part_cannot_feel() {
         let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![sized_waves()],
-            residual: modulated,
             law_of_load: false,
+            ..Rows30::new(vec![sized_waves()], modulated)
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
@@ -1397,12 +1405,7 @@ mod tests {
     fn an_effect_promises_what_laws_of_others_leave() {
         let mut another = sized_waves();
         another.effect = "another";
-        let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![sized_waves(), another],
-            residual: modulated_or_both,
-            law_of_load: true,
-        };
+        let model = Rows30::new(vec![sized_waves(), another], modulated_or_both);
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
         let both = engine.hypothesis(&[0, 1]).expect("a fit");
@@ -1436,12 +1439,7 @@ mod tests {
             neutral: None,
             ..candidate.parameters[0]
         });
-        let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![candidate],
-            residual: stretched,
-            law_of_load: true,
-        };
+        let model = Rows30::new(vec![candidate], stretched);
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
         let (group, unknown) = ((&[0][..], &[0][..]), Unknown::process(0));
@@ -1451,10 +1449,7 @@ mod tests {
             begun.fit.coordinates[0][1] = model.candidates[0].parameters[1].coordinate(length);
             let begin = Arc::new(engine.expansion(begun, group).expect("residuals"));
             let none = DVector::zeros(begin.linear.weights());
-            let settled = begin.linear.settled(unknown, begin.values, &none);
-            let begin_log = begin
-                .linear
-                .log_density(unknown, &settled.expect("weights"));
+            let begin_log = begin.settled_log_density(unknown, &none).expect("weights");
             let mode = engine.mode((begin, none), group, unknown, f64::NEG_INFINITY);
             let reached = mode.and_then(|mode| mode.log_density(unknown));
             let reached = reached.expect("a mode");
@@ -1465,12 +1460,7 @@ mod tests {
     /// What is unknown explains the disturbance with a right nominal value, wherever the fit is.
     #[test]
     fn evidence_does_not_depend_on_where_the_fit_is() {
-        let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: Vec::new(),
-            residual: disturbed,
-            law_of_load: true,
-        };
+        let model = Rows30::new(Vec::new(), disturbed);
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[]).expect("a fit");
         let mut right = fitted.clone();
@@ -1505,9 +1495,7 @@ mod tests {
     fn a_corner_does_not_hold_what_it_has_no_part_in() {
         let model = Rows30 {
             nominal_blocks: vec![vec![0], vec![0]],
-            candidates: Vec::new(),
-            residual: cornered,
-            law_of_load: true,
+            ..Rows30::new(Vec::new(), cornered)
         };
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[]).expect("a fit");
@@ -1536,12 +1524,7 @@ mod tests {
     /// of an effect of any size.
     #[test]
     fn no_law_takes_away_what_an_effect_does_in_one_place() {
-        let model = Rows30 {
-            nominal_blocks: vec![vec![0]],
-            candidates: vec![sized_waves()],
-            residual: placed,
-            law_of_load: true,
-        };
+        let model = Rows30::new(vec![sized_waves()], placed);
         let engine = Engine::new(&model);
         let fitted = engine.hypothesis(&[0]).expect("a fit");
         let expansion = engine.expansion(fitted, (&[0], &[0])).expect("residuals");
@@ -1568,9 +1551,7 @@ mod tests {
     fn a_corrected_expansion_agrees_with_its_step() {
         let model = Rows30 {
             nominal_blocks: vec![vec![0], vec![0]],
-            candidates: Vec::new(),
-            residual: curved,
-            law_of_load: true,
+            ..Rows30::new(Vec::new(), curved)
         };
         let engine = Engine::new(&model);
         let mut hypothesis = engine.hypothesis(&[]).expect("a fit");

@@ -300,7 +300,7 @@ impl Scene {
 #[must_use]
 pub fn rows(seed: u64, index: u64) -> usize {
     let scene = Scene::draw(&plan(seed, index), &mut generator(seed, index, 2));
-    (scene.variant.duration_s / scene.variant.period_s).round() as usize + 1
+    Drive::samples(scene.variant.duration_s, scene.variant.period_s)
 }
 
 /// An additional record of case `index` of `seed` with the given test signal, as CSV. If the signal

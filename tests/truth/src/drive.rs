@@ -81,6 +81,11 @@ impl Drive {
         shut.copied().unwrap_or(false)
     }
 
+    /// Samples of a drive of `duration_s`, both ends included.
+    pub(crate) fn samples(duration_s: f64, period_s: f64) -> usize {
+        (duration_s / period_s).round() as usize + 1
+    }
+
     /// Draws a drive of `duration_s` from a recipe, its stretches in any order.
     pub(crate) fn draw(recipe: Recipe, duration_s: f64, period_s: f64, rng: &mut Pcg64) -> Self {
         let mut stretches = recipe.to_vec();
@@ -100,8 +105,8 @@ impl Drive {
         for (stretch, share) in stretches {
             pen.stretch(stretch, pen.due_s + share * left_s, rng);
         }
-        let samples = (duration_s / period_s).round() as usize + 1;
         let last_pa = pen.last_pa();
+        let samples = Drive::samples(duration_s, period_s);
         pen.reference_pa.resize(samples, last_pa);
         Self {
             period_s,

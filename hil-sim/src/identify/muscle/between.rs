@@ -123,8 +123,8 @@ fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
 }
 
 /// By how much the mean of a smooth pressure about a row is above straight lines between the rows
-/// \[Pa\]: what a kernel makes of the rows has that in it. 0 at an end or where a
-/// reading is missing.
+/// \[Pa\]: what a kernel makes of the rows has that in it. 0 at an end or where a reading is
+/// missing.
 fn smooth_bow_pa(time_s: &[f64], read_pa: &[f64], row: usize) -> f64 {
     if row == 0 || row + 1 >= read_pa.len() {
         return 0.0;
