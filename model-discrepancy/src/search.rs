@@ -93,6 +93,11 @@ impl<'a, 'b, M: Model> Search<'a, 'b, M> {
             if members == MEMBERS || search.is_enough(members) {
                 break;
             }
+            // About a fit what is not linear looks unknown.
+            search.polish();
+            if search.is_enough(members) {
+                break;
+            }
             sets = search.joined(members);
             if sets.is_empty() {
                 break;
