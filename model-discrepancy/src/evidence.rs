@@ -24,6 +24,8 @@ const TIME_CONSTANTS_S: [f64; 3] = [0.1, 1.0, 10.0];
 const OUTSIDE: f64 = 6.0;
 /// Share of a column that rounding leaves of it.
 const ROUNDING: f64 = 1e-9;
+/// Times that weights at an end of their range are let go at most.
+const RELEASES: usize = 8;
 /// Passes over the blocks until no process changes.
 const PASSES: usize = 4;
 
@@ -187,28 +189,57 @@ impl Normal {
 
     /// The most probable weights in the range of their `priors`, of which `weights` have those that
     /// are `open` where they are most probable anywhere: those that are beyond it are held at its
-    /// end, and the others solved for again.
+    /// end, and the others solved for again; what has been held for others, and would be within
+    /// now, is let go.
     fn in_range(
         &self,
         mut weights: DVector<f64>,
-        mut open: Vec<usize>,
+        open: Vec<usize>,
         priors: &[Prior],
     ) -> Option<DVector<f64>> {
-        loop {
-            let held = open.len();
-            open.retain(|place| {
-                let (least, most) = priors[*place].range;
-                let is_in = (least..=most).contains(&weights[*place]);
-                if !is_in {
+        let (mut free, mut held) = (open, Vec::new());
+        for _ in 0..RELEASES {
+            loop {
+                let is_in = |place: &usize| {
+                    let (least, most) = priors[*place].range;
+                    (least..=most).contains(&weights[*place])
+                };
+                let (within, beyond): (Vec<usize>, Vec<usize>) = free.into_iter().partition(is_in);
+                free = within;
+                if beyond.is_empty() {
+                    break;
+                }
+                for place in &beyond {
+                    let (least, most) = priors[*place].range;
                     weights[*place] = weights[*place].clamp(least, most);
                 }
-                is_in
-            });
-            if open.len() == held {
-                return Some(weights);
+                held.extend(beyond);
+                weights = self.beside(weights, &free)?;
             }
-            weights = self.beside(weights, &open)?;
+            let pull = &self.vector - &self.matrix * &weights;
+            let is_inward = |place: &usize| {
+                let (least, most) = priors[*place].range;
+                let pull = pull[*place];
+                least < most
+                    && if weights[*place] >= most {
+                        pull < 0.0
+                    } else {
+                        pull > 0.0
+                    }
+            };
+            let (freed, kept): (Vec<usize>, Vec<usize>) = held.into_iter().partition(is_inward);
+            held = kept;
+            if freed.is_empty() {
+                break;
+            }
+            free.extend(freed);
+            weights = self.beside(weights, &free)?;
         }
+        for place in free {
+            let (least, most) = priors[place].range;
+            weights[place] = weights[place].clamp(least, most);
+        }
+        Some(weights)
     }
 
     /// `weights` with those that are `open` where they are most probable beside the others.
@@ -646,6 +677,27 @@ mod tests {
             form_error,
         };
         Linear::new([&remainder].into_iter(), priors.to_vec(), vec![1])
+    }
+
+    /// A weight that is held for what another would do, which is held too, is within its range
+    /// beside that one's end.
+    #[test]
+    fn what_was_held_for_others_is_let_go() {
+        let matrix = DMatrix::from_row_slice(2, 2, &[1.0, 0.9, 0.9, 1.0]);
+        let most_probable = DVector::from_vec(vec![3.0, -1.5]);
+        let normal = Normal {
+            vector: &matrix * &most_probable,
+            matrix,
+            square: 0.0,
+            half_log_determinant: 0.0,
+        };
+        let prior = Prior {
+            range: (-1.0, 1.0),
+            ..Prior::new(0.0, 1.0)
+        };
+        let found = normal.in_range(most_probable, vec![0, 1], &[prior; 2]);
+        let found = found.expect("weights");
+        assert!((found[0] - 1.0).abs() < 1e-12 && (found[1] - 0.3).abs() < 1e-12);
     }
 
     const PRIORS: [Prior; 2] = [Prior::new(0.4, 1.0), Prior::new(-2.0, 5.0)];
