@@ -310,8 +310,12 @@ const BASE: f64 = 0.3;
 const EFFECT_PRIOR: f64 = 5.0;
 /// What is nearer to the end of a range is at it, in coordinates.
 const AT_END: f64 = 0.01;
-/// Step of the difference quotients.
-const STEP: f64 = 1e-3;
+/// Largest and least step of the difference quotients. What an integrator makes of residuals by
+/// choosing its steps anew is divided by it, and looks like a slope.
+const STEPS: (f64, f64) = (0.03, 1e-3);
+/// Change of residuals, as a norm, to which a step is shortened: far above what is rough, and no
+/// further than a value that is well known will move.
+const CHANGE: f64 = 3.0;
 /// A parameter that is fitted by its logarithm is started at its usual size, and up to this many
 /// times above and below.
 const START_FACTOR: f64 = 4.0;
@@ -557,12 +561,14 @@ impl<'a, M: Model> Problem<'a, M> {
         }
     }
 
-    /// The step of the difference quotient of coordinate `place` at `x`: inwards at its end.
+    /// The largest step of the difference quotient of coordinate `place` at `x`: inwards at its
+    /// end.
     fn step(&self, x: &DVector<f64>, place: usize) -> f64 {
         let number = place.checked_sub(self.free.len());
         let parameter = number.and_then(|number| self.parameters().nth(number));
         let most = parameter.map_or(f64::INFINITY, |(_, parameter)| parameter.reach().1);
-        if x[place] + STEP > most { -STEP } else { STEP }
+        let (step, _) = STEPS;
+        if x[place] + step > most { -step } else { step }
     }
 
     /// Slopes of the residuals `about` the place `x`.
@@ -583,7 +589,13 @@ impl<'a, M: Model> Problem<'a, M> {
             };
             // Beside a place without a solution the other way may have one.
             let step = self.step(x, place);
-            by(step).or_else(|| by(-step))
+            let (step, change) = by(step).or_else(|| by(-step))?;
+            let shorter = CHANGE / change.values.norm().max(change.slack.norm());
+            if shorter < 1.0 {
+                by(step * shorter.max(STEPS.1 / STEPS.0)).or(Some((step, change)))
+            } else {
+                Some((step, change))
+            }
         };
         let columns = (0..x.len()).into_par_iter().map(slope);
         let columns: Vec<(f64, Slopes)> = columns.collect::<Option<_>>()?;
