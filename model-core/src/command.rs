@@ -2,7 +2,8 @@
 //! follows, within its limits.
 
 use crate::assist::reference_force_n;
-use crate::constants::TICK_S;
+use crate::constants::{GRAVITY_M_PER_S2, TICK_S};
+use crate::contact::Motion;
 use crate::io::Output;
 use crate::limits::{CATCH_TICKS, DRIVEN_SPEED, EMPTIED_TICKS};
 use crate::number::{Number, limited};
@@ -31,6 +32,11 @@ pub struct Target {
     /// Speed of the weight \[m/s\], upwards, if it is faster than the reference may move it: the
     /// reference does not drive it on.
     pub fast_m_per_s: f32,
+    /// The weight's motion, if it may meet a limb: the reference does not put more energy into it
+    /// than a limb may receive.
+    pub motion: Option<Motion>,
+    /// Force of the muscle with which the weight rests \[N\]: M g, and what the compensation adds.
+    pub balance_n: f32,
 }
 
 impl Target {
@@ -43,13 +49,14 @@ impl Target {
         let (settings, muscle) = (&values.compensation, &values.muscle);
         let compensation = &mut state.compensation;
         compensation.follow(settings, muscle, contraction);
-        let reference_force_n =
-            reference_force_n(values.gain, finger_force_n) + compensation.load_n(settings, muscle);
+        let load_n = compensation.load_n(settings, muscle);
+        let reference_force_n = reference_force_n(values.gain, finger_force_n) + load_n;
         let pressure = GaugePa(state.pressure.value());
+        let hysteresis_n = compensation.hysteresis_n(settings, pressure);
         Target {
             finger_force_n,
             reference_force_n,
-            force_n: reference_force_n + compensation.hysteresis_n(settings, pressure),
+            force_n: reference_force_n + hysteresis_n,
             contraction,
             rate_pa_per_s_max: muscle.moving_rate_pa_per_s(
                 values.reference_speed_m_per_s_max,
@@ -58,13 +65,23 @@ impl Target {
             ),
             may_only_fall: contraction > values.contraction_max,
             fast_m_per_s: fast_m_per_s(values, state.balance.speed_m_per_s()),
+            motion: state
+                .balance
+                .motion()
+                .filter(|motion| motion.may_meet_limb(values)),
+            balance_n: values.load_kg * GRAVITY_M_PER_S2 as f32 + load_n + hysteresis_n,
         }
     }
 }
 
 /// Moves the reference pressure as the state's mode has it; returns the tick's output.
 pub fn act(values: &SettingsValues, state: &mut State, target: &Target) -> Output {
-    state.pressure_ref_pa = limited_pa(values, next_reference_pa(values, state, target));
+    let (now_pa, engaged) = (state.pressure_ref_pa, state.engaged);
+    let mut next_pa = next_reference_pa(values, state, target);
+    if is_step_refused(values, state, target, next_pa) {
+        (next_pa, state.engaged) = (now_pa, engaged);
+    }
+    state.pressure_ref_pa = limited_pa(values, next_pa);
     state.empty_ticks = if state.pressure_ref_pa > 0.0 {
         0
     } else {
@@ -95,6 +112,23 @@ fn fast_m_per_s(values: &SettingsValues, speed_m_per_s: f32) -> f32 {
     } else {
         0.0
     }
+}
+
+/// Whether a limb in the weight's way could receive too much with a reference of `next_pa`. Not
+/// while a test signal is played, where no person is near. On the ramp down only while the weight
+/// falls, as one that rises may have lost its payload or have more pressure than the reference, and
+/// only for [`CATCH_TICKS`], which no encoder can extend.
+fn is_step_refused(values: &SettingsValues, state: &State, target: &Target, next_pa: f32) -> bool {
+    let Some(motion) = target.motion else {
+        return false;
+    };
+    let is_limited = match state.mode {
+        Mode::Assisting => true,
+        Mode::Venting => motion.speed_m_per_s < 0.0 && state.mode_ticks < CATCH_TICKS,
+        Mode::SelfCheck | Mode::Ready | Mode::Holding | Mode::Playing => false,
+    };
+    let (balance_n, now_pa) = (target.balance_n, state.pressure_ref_pa);
+    is_limited && motion.exceeds_limb_energy(values, balance_n, now_pa, next_pa)
 }
 
 /// Whether the reference is above the pressure in the muscle: the higher of the measured and the
@@ -167,8 +201,19 @@ mod tests {
     const BEFORE_PA: f32 = 2e5;
 
     /// The change of the reference \[Pa\] in a tick of this mode, for a demanded force, of a weight
-    /// that moves so fast.
+    /// that moves so fast and meets no limb.
     fn change_pa(mode: Mode, force_n: f32, speed_m_per_s: f32, mode_ticks: u16) -> f32 {
+        change_near_limb_pa(mode, force_n, speed_m_per_s, mode_ticks, false)
+    }
+
+    /// The same of one that may meet a limb, if `is_near_limb`.
+    fn change_near_limb_pa(
+        mode: Mode,
+        force_n: f32,
+        speed_m_per_s: f32,
+        mode_ticks: u16,
+        is_near_limb: bool,
+    ) -> f32 {
         let mut state = State {
             mode,
             mode_ticks,
@@ -181,10 +226,12 @@ mod tests {
             let moved = speed_m_per_s * TICK_S * tick as f32 / VALUES.muscle.initial_length_m;
             state.balance = state.balance.next(&VALUES, 0.1 + moved, BEFORE_PA, 1);
         }
+        let target = Target::new(&VALUES, &mut state, 0.1);
         let target = Target {
             force_n,
             rate_pa_per_s_max: 4e5,
-            ..Target::new(&VALUES, &mut state, 0.1)
+            motion: target.motion.filter(|_| is_near_limb),
+            ..target
         };
         act(&VALUES, &mut state, &target).pressure_ref.0 - BEFORE_PA
     }
@@ -222,6 +269,55 @@ mod tests {
         ] {
             let change_pa = change_pa(Mode::Venting, 0.0, speed_m_per_s, mode_ticks);
             assert_eq!(change_pa < 0.0, falls, "{speed_m_per_s}, {mode_ticks}");
+        }
+    }
+
+    /// At 200 kPa and ε = 0.1 the muscle pulls with 32 N more than the weight. The reference
+    /// does not go further from balance, and always may go towards it.
+    #[test]
+    fn energy_that_a_limb_may_not_receive_is_not_added() {
+        let change_pa = |mode, force_n, speed_m_per_s, mode_ticks| {
+            change_near_limb_pa(mode, force_n, speed_m_per_s, mode_ticks, true)
+        };
+        for (speed_m_per_s, rises) in [(0.25, false), (-0.25, false), (0.01, true)] {
+            let change = change_pa(Mode::Assisting, 400.0, speed_m_per_s, 0);
+            assert_eq!(change > 0.0, rises, "{speed_m_per_s}");
+            assert!(change_pa(Mode::Assisting, 0.0, speed_m_per_s, 0) < 0.0);
+            for mode_ticks in [0, 49, 50] {
+                assert!(change_pa(Mode::Venting, 0.0, speed_m_per_s, mode_ticks) < 0.0);
+            }
+        }
+    }
+
+    /// It waits half a second for a weight that would fall on a limb too hard, and so does what the
+    /// lever asks for. A weight that rises is let down at once.
+    #[test]
+    fn the_ramp_does_not_drive_a_falling_weight_on() {
+        let falls = |mode, mode_ticks, speed_m_per_s| {
+            let mut state = State {
+                mode,
+                mode_ticks,
+                pressure_ref_pa: 1.3e5,
+                ..State::default()
+            };
+            let target = Target {
+                motion: Some(Motion {
+                    contraction: 0.1,
+                    speed_m_per_s,
+                }),
+                ..Target::new(&VALUES, &mut state, 0.1)
+            };
+            let output = act(&VALUES, &mut state, &target);
+            assert!(!state.engaged);
+            output.pressure_ref.0 < 1.3e5
+        };
+        for (mode_ticks, expected) in [(0, false), (49, false), (50, true)] {
+            assert_eq!(falls(Mode::Venting, mode_ticks, -0.2), expected);
+            assert!(falls(Mode::Venting, mode_ticks, 0.2));
+            assert!(falls(Mode::Venting, mode_ticks, f32::NAN));
+            assert!(falls(Mode::Playing, mode_ticks, -0.2));
+            assert!(!falls(Mode::Assisting, mode_ticks, -0.2));
+            assert!(!falls(Mode::Assisting, mode_ticks, 0.2));
         }
     }
 }

@@ -2,6 +2,7 @@
 //! be plausible by itself and the set of them still impossible.
 
 use crate::constants::{GRAVITY_M_PER_S2, TICK_S};
+use crate::contact::Motion;
 use crate::limits::{FORCE_BALANCE_MEAN_S, OVER_SPEED, OVER_SPEED_TICKS, STOP_CONTRACTION};
 use crate::number::Number;
 use crate::plausibility::BadTickCount;
@@ -147,6 +148,15 @@ impl ForceBalance {
     /// Speed over the last two ticks \[m/s\], upwards; 0 before the second one.
     pub fn speed_m_per_s(&self) -> f32 {
         self.speed_m_per_s
+    }
+
+    /// The weight's motion at the reading before the last; none before the second reading.
+    pub fn motion(&self) -> Option<Motion> {
+        let before = self.before?;
+        Some(Motion {
+            contraction: before.contraction,
+            speed_m_per_s: self.speed_m_per_s,
+        })
     }
 
     /// The residual \[N\], and the contraction for which it was taken: that of the tick before.

@@ -32,6 +32,7 @@ pub mod command;
 pub mod compensation;
 pub mod consistency;
 pub mod constants;
+pub mod contact;
 pub mod controller;
 pub mod device;
 pub mod enabling;

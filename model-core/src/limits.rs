@@ -58,12 +58,25 @@ supervisor_limits! {
     CATCH_TICKS: u16 = 50, "tick",
         "Time in which the ramp down waits for a weight that falls: twice its own period.";
 
+    // What a limb in the weight's way receives (crate::contact).
+    LIMB_FORCE_N: f32 = 260.0, "N",
+        "Force with which the weight may meet a foot that it does not clamp for longer than half a \
+         second: ISO/TS 15066:2016, table A.2, lower leg, twice 130 N. 280 N are a hand's.";
+    LIMB_STIFFNESS_N_PER_M: f32 = 75e3, "N/m",
+        "Stiffness of the limb: the hand's (table A.3). The lower leg's 60 N/mm give less force.";
+    LIMB_RESTING_M_PER_S: f32 = 0.02, "m/s",
+        "Speed up to which the weight rests, so that the reference may go on: on a limb of 75 N/mm \
+         the ramp moves it by 5 mm/s, and the encoder's flicker is 1.3 mm/s.";
+
     // Retreat from what the weight was let down on.
     RETREAT_GIVES_WAY_M: (f32, f32) = (2e-4, 6e-3), "m",
         "Least and most by which the weight sinks while the muscle's last 65 N go over to a limb: \
          200 N/mm are stiffer than a skull, 11 N/mm softer than a chest (ISO/TS 15066, table A.3).";
     RETREAT_RESTS_TICKS: u8 = 15, "tick",
         "Time for which it has then rested there: a lighter payload sinks by 12 mm meanwhile.";
+    RETREAT_FRICTION: f32 = 0.25, "1",
+        "Share of `force_error_n_max` by which the muscle may still carry the weight when it last \
+         moves on a limb: friction then holds it (26 N, where 7 N are the reference rig's).";
     RETREAT_M: f32 = 0.010, "m",
         "Height of the retreat: what a limb gives way (2 mm) and what friction and hysteresis hold \
          back (30 N over the muscle's 4 N/mm). With an encoder that has jumped by 15 mm, which its \

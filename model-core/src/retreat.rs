@@ -6,7 +6,8 @@
 
 use crate::constants::GRAVITY_M_PER_S2;
 use crate::limits::{
-    RETREAT_GIVES_WAY_M, RETREAT_M, RETREAT_RESTS_TICKS, RETREAT_TICKS, RETREATS_MAX,
+    RETREAT_FRICTION, RETREAT_GIVES_WAY_M, RETREAT_M, RETREAT_RESTS_TICKS, RETREAT_TICKS,
+    RETREATS_MAX,
 };
 use crate::number::Number;
 use crate::pressure::GaugePa;
@@ -56,9 +57,11 @@ pub struct Carried {
     pub residual: Option<(f32, f32)>,
     /// The measured pressure \[Pa\].
     pub pressure_pa: f32,
-    /// The highest pressure \[Pa\] of those that the muscle may have instead: of the reference, and
-    /// of the time when the encoder last moved.
-    pub highest_pa: f32,
+    /// Pressures \[Pa\] that the muscle may have instead: the reference's, and the one at which the
+    /// encoder last moved.
+    pub reference_pa: f32,
+    /// See `reference_pa`.
+    pub moved_at_pa: f32,
     /// The force balance has failed.
     pub is_out_of_balance: bool,
 }
@@ -113,7 +116,8 @@ impl Retreat {
             && (RETREAT_RESTS_TICKS..GONE).contains(&self.carried_ticks)
             && now.is_out_of_balance
             && lacks_n(now.pressure_pa) > values.force_error_n_max
-            && lacks_n(now.highest_pa) > values.force_error_n_max
+            && lacks_n(now.reference_pa) > values.force_error_n_max
+            && lacks_n(now.moved_at_pa) > (1.0 - RETREAT_FRICTION) * values.force_error_n_max
             && sunk_m(self.carried_at) >= least_m
         {
             let lifted = now.contraction + RETREAT_M / muscle.initial_length_m;
@@ -158,7 +162,8 @@ mod tests {
             contraction,
             residual: Some(((share - 1.0) * WEIGHT_N, contraction)),
             pressure_pa,
-            highest_pa: pressure_pa,
+            reference_pa: pressure_pa,
+            moved_at_pa: pressure_pa,
             is_out_of_balance: share < 0.06,
         }
     }
@@ -182,6 +187,16 @@ mod tests {
         assert!((force_n - WEIGHT_N).abs() < 1.0, "{force_n} N");
     }
 
+    /// The muscle still pulls with 28 N when friction stops the weight on the limb; not with 47 N.
+    #[test]
+    fn what_friction_holds_on_a_limb_is_lifted_off() {
+        for (share, lifts) in [(0.235, true), (0.4, false)] {
+            let moved_at_pa = carried(share, 1.6e-3).pressure_pa;
+            let retreat = let_down(1.6e-3, |now| now.moved_at_pa = moved_at_pa, true);
+            assert_eq!(retreat.lifts_to_pa().is_some(), lifts, "{share}");
+        }
+    }
+
     #[test]
     fn nothing_is_lifted_that_no_limb_carries() {
         let nothing = |_: &mut Carried| {};
@@ -197,7 +212,11 @@ mod tests {
             ),
             (
                 "the reference carries it: the pressure sensor is wrong",
-                let_down(limb_m, |now| now.highest_pa = 2e5, true),
+                let_down(limb_m, |now| now.reference_pa = 2e5, true),
+            ),
+            (
+                "the encoder last moved when the muscle carried it: it is frozen",
+                let_down(limb_m, |now| now.moved_at_pa = 1.5e5, true),
             ),
             (
                 "no number",

@@ -7,7 +7,7 @@ use crate::bench::tracking::{Tracking, tracking};
 use crate::error::BadInput;
 use crate::report::{Axis, Plot, Series, Table};
 use crate::rig::Rig;
-use model_core::controller::Controller;
+use model_core::controller::Control;
 use model_core::settings::Settings;
 
 /// A run of the assist device and its result.
@@ -25,19 +25,19 @@ pub struct AssistRun {
     pub tracking: Tracking,
 }
 
-/// Executes `run` on `rig` with the controller of the firmware, in this program; `tick_done` is
-/// called in each tick.
+/// Executes `run` on `rig` with a `controller`, in this program; `tick_done` is called in each tick.
 ///
 /// # Errors
 /// The rig lacks a section; the plant has no solution.
-pub fn assist(
+pub fn assist<C: Control>(
     name: &str,
     rig: &Rig,
     run: &Run,
+    controller: fn(Settings) -> C,
     tick_done: &dyn Fn(),
 ) -> Result<AssistRun, BadInput> {
     let settings = board_settings::from_rig(rig)?;
-    let mut controller = Controller::new(settings);
+    let mut controller = controller(settings);
     let ticks = run_in_process(rig, &settings, run, |sensors| {
         tick_done();
         controller.tick(sensors)

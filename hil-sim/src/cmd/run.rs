@@ -14,6 +14,7 @@ use hil_sim::paper::both_valves;
 use hil_sim::record::FINGER_M;
 use hil_sim::report::{Report, Section};
 use hil_sim::rig::Rig;
+use model_core::controller::Controller;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -192,8 +193,14 @@ fn runs(args: &Args, rig: &Rig, experiment: &Run) -> Result<Vec<AssistRun>, BadI
     let progress = Progress::new("running", ticks);
     let tick_done = || progress.step();
     if both {
-        both_valves(rig, experiment, &tick_done)
+        both_valves(rig, experiment, Controller::new, &tick_done)
     } else {
-        Ok(vec![assist("assist", rig, experiment, &tick_done)?])
+        Ok(vec![assist(
+            "assist",
+            rig,
+            experiment,
+            Controller::new,
+            &tick_done,
+        )?])
     }
 }

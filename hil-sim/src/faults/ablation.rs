@@ -41,6 +41,8 @@ pub enum SafetyFunction {
     MemoryVote,
     /// The emergency stop lets the weight down, and nothing begins while it is open.
     EmergencyStop,
+    /// The reference puts no more energy into the weight than with which it may meet a limb.
+    ContactEnergy,
     /// A weight that was let down on something, such as a foot, is lifted again.
     Retreat,
     /// A voltage of the valve, read back, that was not set is a fault.
@@ -49,7 +51,7 @@ pub enum SafetyFunction {
 
 impl SafetyFunction {
     /// All safety functions.
-    pub const ALL: [SafetyFunction; 15] = [
+    pub const ALL: [SafetyFunction; 16] = [
         SafetyFunction::SensorRange,
         SafetyFunction::SensorStep,
         SafetyFunction::SensorStuck,
@@ -63,6 +65,7 @@ impl SafetyFunction {
         SafetyFunction::SelfCheck,
         SafetyFunction::MemoryVote,
         SafetyFunction::EmergencyStop,
+        SafetyFunction::ContactEnergy,
         SafetyFunction::Retreat,
         SafetyFunction::ReadBack,
     ];
@@ -83,6 +86,7 @@ impl SafetyFunction {
             SafetyFunction::SelfCheck => "SelfCheck",
             SafetyFunction::MemoryVote => "MemoryVote",
             SafetyFunction::EmergencyStop => "EmergencyStop",
+            SafetyFunction::ContactEnergy => "ContactEnergy",
             SafetyFunction::Retreat => "Retreat",
             SafetyFunction::ReadBack => "ReadBack",
         }
@@ -90,7 +94,10 @@ impl SafetyFunction {
 
     /// Whether it acts on a limb in the weight's way only, of which the campaign has none.
     pub fn needs_limb(self) -> bool {
-        self == SafetyFunction::Retreat
+        matches!(
+            self,
+            SafetyFunction::ContactEnergy | SafetyFunction::Retreat
+        )
     }
 
     /// The safety function of that name, if any.
@@ -188,6 +195,7 @@ impl AblatedController {
     fn release(&self, state: &mut State, target: &mut Target) {
         match self.without {
             Some(SafetyFunction::WeightWatch) => target.may_only_fall = false,
+            Some(SafetyFunction::ContactEnergy) => target.motion = None,
             Some(SafetyFunction::Retreat) => state.retreat.end(),
             Some(SafetyFunction::ReferenceSpeed) => {
                 target.rate_pa_per_s_max = f32::MAX;
@@ -269,7 +277,7 @@ mod tests {
     fn names_are_those_of_the_command_line() {
         let names = "SensorRange SensorStep SensorStuck PressureWatch WeightWatch SpeedTrip \
                      ReferenceSpeed VentRamp MissedTicks RestWatch SelfCheck MemoryVote \
-                     EmergencyStop Retreat ReadBack";
+                     EmergencyStop ContactEnergy Retreat ReadBack";
         assert!(
             names
                 .split(' ')

@@ -8,10 +8,13 @@ use crate::bench::tracking::Tracking;
 use crate::design::bode::bode;
 use crate::design::{self, Linearisation};
 use crate::error::BadInput;
+use crate::faults::ablation::{AblatedController, SafetyFunction};
 use crate::report::{Plot, Report, Section, Table};
 use crate::rig::Rig;
 use figures::{fig_1, fig_2, fig_5};
+use model_core::controller::Control;
 use model_core::pressure::GaugePa;
+use model_core::settings::Settings;
 use serde::Serialize;
 
 /// Flow gain of valve A, a nozzle flapper \[kg/(Pa·s)\] (§3.1).
@@ -79,14 +82,28 @@ pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
     ])
 }
 
-/// Both valves of the paper in `experiment` (Fig 8).
+/// The controller without the limit of the energy that a limb may receive, of which the paper has
+/// none: valve A overshoots by more than it permits.
+fn papers_controller(settings: Settings) -> AblatedController {
+    AblatedController::new(settings, SafetyFunction::ContactEnergy)
+}
+
+/// Both valves of the paper with a `controller` in `run` (Fig 8).
 ///
 /// # Errors
 /// As [`assist`].
-pub fn both_valves(rig: &Rig, run: &Run, tick_done: &dyn Fn()) -> Result<Vec<AssistRun>, BadInput> {
+pub fn both_valves<C: Control>(
+    rig: &Rig,
+    run: &Run,
+    controller: fn(Settings) -> C,
+    tick_done: &dyn Fn(),
+) -> Result<Vec<AssistRun>, BadInput> {
     VALVES
         .iter()
-        .map(|(name, gain)| assist(name, &with_flow_gain(rig, *gain)?, run, tick_done))
+        .map(|(name, gain)| {
+            let rig = with_flow_gain(rig, *gain)?;
+            assist(name, &rig, run, controller, tick_done)
+        })
         .collect()
 }
 
@@ -102,7 +119,7 @@ pub fn paper(rig: &Rig, run: &Run) -> Result<(Report, Summary, Vec<AssistRun>), 
         let linear = design::linearise(&with_flow_gain(rig, gain)?, FIG_7_PRESSURE, mass_kg)?;
         linear.ok_or_else(|| rig.bad("muscle.alpha_m2", "a muscle that lifts at 400 kPa"))
     };
-    let runs = both_valves(rig, run, &|| ())?;
+    let runs = both_valves(rig, run, papers_controller, &|| ())?;
     let [a, b] = VALVES.map(|(_, gain)| at_400_kpa(gain));
     let (a, b) = (a?, b?);
     let needed = a.flow_gain_needed_kg_per_pa_s;

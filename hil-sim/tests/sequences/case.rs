@@ -87,8 +87,6 @@ pub struct Case {
     pub events: Vec<Event>,
     /// The rig has an enabling device, which the person lets go with everything else.
     pub enabling: bool,
-    /// Speed at which the reference moves a weight in balance, at most \[m/s\].
-    pub speed_m_per_s: f32,
     /// The rig has the valve in the muscle's port (docs/wiring.md).
     pub port: bool,
     /// A limb is in the way: above at this height \[m\], below at that.
@@ -122,16 +120,6 @@ impl Case {
     /// The case of this seed on the reference rig: one to four events.
     pub fn new(seed: u64) -> Case {
         Case::on(Rig::reference(), seed)
-    }
-
-    /// The case of this seed on the reference rig, with a reference that is slow enough for a foot:
-    /// a weight whose rest position begins to move reaches twice its speed, and 260 N are 0.27 m/s
-    /// of 12 kg on 75 N/mm.
-    pub fn slow(seed: u64) -> Case {
-        Case {
-            speed_m_per_s: 0.13,
-            ..Case::new(seed)
-        }
     }
 
     /// The case of this seed on a rig that it draws.
@@ -196,7 +184,6 @@ impl Case {
         Case {
             events,
             enabling: false,
-            speed_m_per_s: SettingsValues::reference().reference_speed_m_per_s_max,
             port: false,
             hand_m: None,
             foot_m: None,
@@ -213,9 +200,14 @@ impl Case {
         }
     }
 
-    /// The weight \[N\].
-    pub fn weight_n(&self) -> f64 {
-        mass_kg(&self.rig) * GRAVITY_M_PER_S2
+    /// The force with which the weight may rest on something \[N\]: its own, and that of the
+    /// friction that holds it down where it has sunk into that.
+    pub fn resting_n(&self) -> f64 {
+        let friction_n = match self.rig.nominal.load {
+            Load::Weight(weight) => weight.coulomb_friction_n,
+            Load::Prescribed => 0.0,
+        };
+        mass_kg(&self.rig) * GRAVITY_M_PER_S2 + friction_n
     }
 
     /// Height by which a weight that moves as fast as the controller lets it goes on by itself
@@ -370,7 +362,6 @@ impl Case {
     pub fn settings(&self) -> Settings {
         let board = SettingsValues {
             enabling_device: self.enabling.into(),
-            reference_speed_m_per_s_max: self.speed_m_per_s,
             ..SettingsValues::reference()
         };
         from_rig_and_board(&self.nominal, &board).expect("a rig that a board can run")

@@ -10,7 +10,7 @@ mod run;
 mod scenario;
 
 use body::{CONTROLLED_M_PER_S, FOOT};
-use case::{Case, Outcome};
+use case::Case;
 use hil_sim::faults::ablation::SafetyFunction;
 use run::{Ran, is_controlled, kept, most, run, run_all, tally};
 use scenario::{needed, of_scenario, scenarios};
@@ -61,8 +61,8 @@ fn what_the_controller_can_limit_stays_within_the_bounds_of_the_body() {
     assert!(violating.is_empty(), "seed, bounds, events: {violating:#?}");
 }
 
-/// Two bounds are others on some rigs (docs/safety.md): a weight of more than 13.3 kg rests on a
-/// foot with more than the lasting force if nothing lifts it off, and one that swings slowly goes
+/// Two bounds are others on some rigs (docs/safety.md): a weight that by itself may rest on a foot
+/// with more than the lasting force does so if nothing lifts it off, and one that swings slowly goes
 /// on by more than 25 mm when the person lets go.
 #[test]
 fn other_rigs_stay_within_the_bounds_too() {
@@ -70,7 +70,7 @@ fn other_rigs_stay_within_the_bounds_too() {
     print(&outcomes);
     let kept = |(case, outcome): &Ran| {
         let mut violations = kept(case, outcome);
-        let rests_on_foot = case.foot_m.is_some() && case.weight_n() > FOOT.lasting_n;
+        let rests_on_foot = case.foot_m.is_some() && case.resting_n() > FOOT.lasting_n;
         let swings = outcome.unasked_m < case.swing_m();
         violations.retain(|violation| match *violation {
             "lasting force" => !rests_on_foot,
@@ -87,34 +87,51 @@ fn other_rigs_stay_within_the_bounds_too() {
     assert!(violating.is_empty(), "seed, bounds, events: {violating:#?}");
 }
 
-/// With the reference at 0.13 m/s, which a rig whose weight may meet a foot sets, neither foot nor
-/// hand is met with more than it may be.
+/// Also on a rig without an enabling device, on which it does not depend; and with a frozen encoder,
+/// which tells no speed until it is found: one of the cases on each set of rigs.
 #[test]
-fn a_slow_reference_keeps_the_transient_force_on_a_foot() {
-    let outcomes = run_all(Case::slow, count(), None, |_| true);
-    print(&outcomes);
-    let controlled = outcomes
-        .iter()
-        .filter(|(_, outcome)| !outcome.needs_hardware);
-    let violating: Vec<_> = controlled
-        .filter(|(case, outcome)| outcome.violations(case).contains(&"transient force"))
-        .map(|(case, outcome)| (case.seed, outcome.limb_n, &case.events))
-        .collect();
-    assert!(violating.is_empty(), "seed, force, events: {violating:#?}");
+fn a_foot_is_met_with_no_more_than_it_may_be() {
+    for draw in [Case::new, Case::on_another_rig] {
+        let outcomes = run_all(draw, count(), None, |case| case.foot_m.is_some());
+        print(&outcomes);
+        let violating: Vec<_> = outcomes
+            .iter()
+            .filter(|(case, outcome)| {
+                !outcome.needs_hardware && outcome.violations(case).contains(&"transient force")
+            })
+            .collect();
+        let told: Vec<_> = violating
+            .iter()
+            .map(|(case, outcome)| (case.seed, outcome.limb_n, &case.events))
+            .collect();
+        let is_excused = |(case, outcome): &&Ran| !kept(case, outcome).contains(&"transient force");
+        assert!(
+            violating.len() <= 1 && violating.iter().all(is_excused),
+            "seed, force, events: {told:#?}"
+        );
+    }
 }
 
 /// A lever that is shaken with the weight's own frequency drives the weight up to 0.72 m/s within
-/// half a period, unless the reference stops driving it on.
+/// half a period, unless the reference stops driving it on. The limit of energy helps, too; without
+/// it the speed is kept as well.
 #[test]
 fn a_shaken_lever_does_not_drive_the_weight_beyond_its_speed() {
-    for seed in [6_452, 6_981, 18_473, 18_916, 24_404] {
-        let case = Case::new(seed);
-        let speeds = |outcome: Outcome| outcome.up_m_per_s.max(outcome.down_m_per_s);
-        let m_per_s = speeds(run(&case, None));
-        assert!(m_per_s < CONTROLLED_M_PER_S, "seed {seed}: {m_per_s} m/s");
-        let m_per_s = speeds(run(&case, Some(SafetyFunction::ReferenceSpeed)));
-        assert!(m_per_s > CONTROLLED_M_PER_S, "seed {seed}: {m_per_s} m/s");
+    let cases = [6_452, 6_981, 18_473, 18_916, 24_404].map(Case::new);
+    let fastest_m_per_s = |without| {
+        let outcomes = cases.iter().map(|case| run(case, without));
+        let speeds = outcomes.map(|outcome| outcome.up_m_per_s.max(outcome.down_m_per_s));
+        speeds.fold(0.0, f64::max)
+    };
+    for without in [None, Some(SafetyFunction::ContactEnergy)] {
+        let m_per_s = fastest_m_per_s(without);
+        assert!(
+            m_per_s < CONTROLLED_M_PER_S,
+            "without {without:?}: {m_per_s} m/s"
+        );
     }
+    let m_per_s = fastest_m_per_s(Some(SafetyFunction::ReferenceSpeed));
+    assert!(m_per_s > CONTROLLED_M_PER_S, "{m_per_s} m/s");
 }
 
 #[test]

@@ -1,18 +1,19 @@
 //! Runs cases, and tells what they violate.
 
 use super::case::{Case, Outcome};
+use super::event::What;
 use hil_sim::faults::ablation::{AblatedController, SafetyFunction};
 use model_core::controller::Controller;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// What the controller keeps, whatever happens, unless only hardware limits the energy. Forces on a
-/// limb that the weight meets are not among them: see docs/safety.md.
-pub const KEPT: [&str; 4] = [
+/// What the controller keeps, whatever happens, unless only hardware limits the energy.
+pub const KEPT: [&str; 5] = [
     "speed up",
     "speed down",
     "height not asked for",
     "lasting force",
+    "transient force",
 ];
 
 /// A case and what has happened in it.
@@ -49,9 +50,16 @@ pub fn is_controlled(case: &Case) -> bool {
     case.enabling && !case.events.iter().any(|event| event.what.needs_hardware())
 }
 
+/// The bounds that are to be kept and are not. A frozen encoder tells no speed, and so no energy,
+/// until the pressure tells that it is frozen: then the transient force is not kept.
 pub fn kept(case: &Case, outcome: &Outcome) -> Vec<&'static str> {
+    let freezes = case
+        .events
+        .iter()
+        .any(|event| event.what == What::EncoderFrozen);
     let mut violations = outcome.violations(case);
     violations.retain(|violation| KEPT.contains(violation));
+    violations.retain(|violation| *violation != "transient force" || !freezes);
     violations
 }
 

@@ -218,7 +218,13 @@ pub fn needed() -> Vec<Needed> {
         enabling: false,
         bound: HEIGHT,
     });
-    let others = [a_hand_above(), a_foot_below(), a_fast_weight(), at_rest()];
+    let others = [
+        a_hand_above(),
+        a_foot_below(),
+        a_foot_below_a_fast_weight(),
+        a_fast_weight(),
+        at_rest(),
+    ];
     of_gauge
         .into_iter()
         .chain(others.into_iter().flatten())
@@ -295,32 +301,39 @@ fn a_hand_above() -> Vec<Needed> {
     ]
 }
 
-/// A foot gets below the weight while it is lifted.
-fn a_foot_below() -> Vec<Needed> {
-    let foot = |foot_m, name, events| Scenario {
+/// A foot gets below the weight while it is lifted, to this height \[m\].
+fn foot(foot_m: f64, name: &'static str, events: Vec<(What, f64, f64)>) -> Scenario {
+    Scenario {
         foot_m: Some(foot_m),
         ..of(name, "–", events)
-    };
-    let lets_go = vec![(What::LetsGo, 3.0, 9.8)];
-    let by = |function, bound, scenario| Needed {
+    }
+}
+
+/// On a rig with an enabling device.
+fn enabled(function: SafetyFunction, bound: &'static str, scenario: Scenario) -> Needed {
+    Needed {
         function,
         scenario,
         enabling: true,
         bound,
-    };
+    }
+}
+
+fn a_foot_below() -> Vec<Needed> {
+    let lets_go = vec![(What::LetsGo, 3.0, 9.8)];
     let lowered = "a foot below, the person lets go";
     vec![
-        by(
+        enabled(
             SafetyFunction::VentRamp,
             "transient force",
             foot(0.02, lowered, lets_go.clone()),
         ),
-        by(
+        enabled(
             SafetyFunction::Retreat,
             RELEASED,
             foot(0.02, lowered, lets_go),
         ),
-        by(
+        enabled(
             SafetyFunction::PressureWatch,
             RELEASED,
             Scenario {
@@ -335,19 +348,7 @@ fn a_foot_below() -> Vec<Needed> {
                 )
             },
         ),
-        by(
-            SafetyFunction::SpeedTrip,
-            "transient force",
-            foot(
-                0.04,
-                "the lever is shaken by ±30 mm at 2.1 Hz, a foot below",
-                vec![
-                    (What::Pushes(0.07), 1.4, 9.8),
-                    (What::Shakes(0.03, 2.1), 1.5, 4.5),
-                ],
-            ),
-        ),
-        by(
+        enabled(
             SafetyFunction::MissedTicks,
             RELEASED,
             Scenario {
@@ -363,6 +364,34 @@ fn a_foot_below() -> Vec<Needed> {
                     ],
                 )
             },
+        ),
+    ]
+}
+
+/// With a foot below what is driven by the supply or by the lever.
+fn a_foot_below_a_fast_weight() -> Vec<Needed> {
+    vec![
+        enabled(
+            SafetyFunction::SpeedTrip,
+            "transient force",
+            foot(
+                0.033,
+                "the supply falls to a fifth every 0.3 s, a foot below",
+                vec![(What::Supply(0.2, Some(0.3)), 1.5, 5.0)],
+            ),
+        ),
+        enabled(
+            SafetyFunction::ContactEnergy,
+            "transient force",
+            foot(
+                0.03,
+                "the lever is shaken by ±50 mm at 2.4 Hz, then let go, a foot below",
+                vec![
+                    (What::Pushes(0.07), 1.4, 9.8),
+                    (What::Shakes(0.05, 2.4), 2.6, 3.6),
+                    (What::LetsGo, 3.6, 9.8),
+                ],
+            ),
         ),
     ]
 }
