@@ -9,6 +9,9 @@ use hil_sim::paper::paper;
 /// Compare the simulation with the paper's figures and numbers
 #[derive(clap::Args)]
 #[command(after_help = "\
+The controller is the board's without its limit of the energy that a limb may receive, which the
+paper's does not have: `replay` finds that difference in the run of valve A.
+
 Examples:
   hil-sim paper
   hil-sim paper --rig rig.toml --out my-rig --json")]

@@ -82,8 +82,8 @@ pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
     ])
 }
 
-/// The controller without the limit of the energy that a limb may receive, of which the paper has
-/// none: valve A overshoots by more than it permits.
+/// The controller without the limit of the energy that a limb may receive, which the paper's does
+/// not have: valve A's reference goes further from balance than that permits.
 fn papers_controller(settings: Settings) -> AblatedController {
     AblatedController::new(settings, SafetyFunction::ContactEnergy)
 }
@@ -183,7 +183,9 @@ fn report(
             section(
                 "Fig 8: the assist experiment",
                 "A finger lifts by 0.12 m in 1 s and holds. The controller is the one that is \
-                 flashed to the board: 10 ms ticks, 12-bit converters, bridge and sensor noise.",
+                 flashed to the board, without its limit of the energy that a limb may receive, \
+                 which the paper's does not have: 10 ms ticks, 12-bit converters, bridge and sensor \
+                 noise.",
                 vec![tracking_table(runs)],
                 assist_plots(runs),
             ),
