@@ -25,7 +25,8 @@ pub struct AssistRun {
     pub tracking: Tracking,
 }
 
-/// Executes `run` on `rig` with a `controller`, in this program; `tick_done` is called in each tick.
+/// Executes `run` on `rig` with a `controller`, in this program; `tick_done` is called in each
+/// tick.
 ///
 /// # Errors
 /// The rig lacks a section; the plant has no solution.

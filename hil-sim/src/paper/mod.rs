@@ -184,8 +184,8 @@ fn report(
                 "Fig 8: the assist experiment",
                 "A finger lifts by 0.12 m in 1 s and holds. The controller is the one that is \
                  flashed to the board, without its limit of the energy that a limb may receive, \
-                 which the paper's does not have: 10 ms ticks, 12-bit converters, bridge and sensor \
-                 noise.",
+                 which the paper's does not have: 10 ms ticks, 12-bit converters, bridge and \
+                 sensor noise.",
                 vec![tracking_table(runs)],
                 assist_plots(runs),
             ),

@@ -62,8 +62,8 @@ fn what_the_controller_can_limit_stays_within_the_bounds_of_the_body() {
 }
 
 /// Two bounds are others on some rigs (docs/safety.md): a weight that by itself may rest on a foot
-/// with more than the lasting force does so if nothing lifts it off, and one that swings slowly goes
-/// on by more than 25 mm when the person lets go.
+/// with more than the lasting force does so if nothing lifts it off, and one that swings slowly
+/// goes on by more than 25 mm when the person lets go.
 #[test]
 fn other_rigs_stay_within_the_bounds_too() {
     let outcomes = run_all(Case::on_another_rig, count(), None, |_| true);
@@ -87,8 +87,8 @@ fn other_rigs_stay_within_the_bounds_too() {
     assert!(violating.is_empty(), "seed, bounds, events: {violating:#?}");
 }
 
-/// Also on a rig without an enabling device, on which it does not depend; and with a frozen encoder,
-/// which tells no speed until it is found: one of the cases on each set of rigs.
+/// Also on a rig without an enabling device, on which it does not depend; and with a frozen
+/// encoder, which tells no speed until it is found: one of the cases on each set of rigs.
 #[test]
 fn a_foot_is_met_with_no_more_than_it_may_be() {
     for draw in [Case::new, Case::on_another_rig] {
