@@ -250,6 +250,6 @@ fn the_page_from_records_to_a_board_holds() {
         read("out/board.toml"),
         read("out/compensation/settings.toml")
     );
-    // From 10.0 to 4.5 N in the test of `compensate`.
+    // From 10.2 to 4.6 N with what `compensate` simulates.
     assert!(errors_n[1] < 0.6 * errors_n[0], "{errors_n:?}");
 }
