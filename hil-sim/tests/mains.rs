@@ -3,7 +3,7 @@
 use hil_sim::bench::board_settings;
 use hil_sim::bench::closed_loop::{Run, run_in_process};
 use hil_sim::bench::tick::Tick;
-use hil_sim::faults::ablation::{AblatedController, SafetyFunction};
+use hil_sim::paper::papers_controller;
 use hil_sim::rig::Rig;
 use model_core::controller::{Control, Controller};
 use model_core::settings::Settings;
@@ -67,12 +67,8 @@ fn mains_at_the_bridge_does_not_move_the_weight() {
     }
 }
 
-/// The loop as it is without the limit of energy, which ends its oscillation before it is too fast.
-fn without_limit_of_energy(settings: Settings) -> AblatedController {
-    AblatedController::new(settings, SafetyFunction::ContactEnergy)
-}
-
-/// Half a tick more delay in the finger's force takes this much of what the lever may stiffen.
+/// Half a tick more delay in the finger's force takes this much of what the lever may stiffen,
+/// without the limit of energy, which ends the oscillation before it is too fast.
 #[test]
 fn a_mean_over_two_ticks_costs_gain_margin() {
     for (stiffness_n_per_m, ticks, expected) in [
@@ -82,7 +78,7 @@ fn a_mean_over_two_ticks_costs_gain_margin() {
         (340.0, 2, Some(Fault::OverSpeed)),
     ] {
         let found = fault(&lift(
-            without_limit_of_energy,
+            papers_controller,
             stiffness_n_per_m,
             ticks,
             (0.0, 50.0),

@@ -84,7 +84,7 @@ pub fn valves(rig: &Rig) -> Result<[(&'static str, Rig); 2], BadInput> {
 
 /// The controller without the limit of the energy that a limb may receive, which the paper's does
 /// not have: valve A's reference goes further from balance than that permits.
-fn papers_controller(settings: Settings) -> AblatedController {
+pub fn papers_controller(settings: Settings) -> AblatedController {
     AblatedController::new(settings, SafetyFunction::ContactEnergy)
 }
 
