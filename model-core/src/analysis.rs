@@ -5,7 +5,8 @@ use crate::io::{Request, Sensors};
 use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};
 use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
-use crate::retreat::{Carried, Retreat, may_retreat};
+use crate::pressure::GaugePa;
+use crate::retreat::{Rest, Retreat, may_retreat};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
 use crate::state::{State, limited_pa};
@@ -123,7 +124,7 @@ fn read(
     let encoder_bounds = Bounds {
         // Home is not known before the self-check has found it.
         out_of_range: state.mode != Mode::SelfCheck && travel_m < limits.travel_m_min,
-        at_standstill: !moved && stands_still(values, limits, state, pressure.value(), travel_m),
+        at_standstill: !moved && stands_still(values, limits, state, &pressure, travel_m),
         step_max: limits.encoder_step_m_max,
         stuck_ticks: 0,
         suspect_ticks: values.suspect_ticks,
@@ -136,6 +137,11 @@ fn read(
     if moved || state.mode == Mode::SelfCheck {
         next.moved_to = sensors.encoder;
         next.moved_at_pa = pressure.value();
+        next.moved_at_made_pa = if is_pressure_known(state, pressure_status) {
+            made_pa(state, pressure.value())
+        } else {
+            state.pressure_ref_pa
+        };
     }
     // Without a memory of what was commanded, the ramp down begins at what the muscle has. After
     // hardware in the loop, with a fault from before it, the valve was at 0 V and stays there.
@@ -148,22 +154,43 @@ fn read(
     (next, [bridge_status, pressure_status, encoder_status])
 }
 
-/// True if the pressure has changed by more than static friction can hold since the encoder moved.
-/// On its stop the weight rests until it is lifted, which the force balance detects; an encoder
-/// with play does not return to the same count there.
+/// Whether the pressure sensor is right, as far as can be known.
+fn is_pressure_known(state: &State, status: SensorStatus) -> bool {
+    status == SensorStatus::Good && !matches!(state.fault, Some(Fault::Pressure(_)))
+}
+
+/// The pressure that the valve has made \[Pa\]: as it is read, if a sound valve can have made that.
+fn made_pa(state: &State, pressure_pa: f32) -> f32 {
+    state.follower.within_pa(state.pressure_ref_pa, pressure_pa)
+}
+
+/// True if the pressure has changed by more than static friction can hold since the encoder moved,
+/// as the sensor reads it and as the valve has made it: a sensor that is off says nothing about the
+/// encoder. What a muscle does not pull with moves nothing: it rests on something, as on its stop.
+/// There the weight rests until it is lifted, which the force balance detects; an encoder with play
+/// does not return to the same count there.
 fn stands_still(
     values: &SettingsValues,
     limits: &ReadingLimits,
     state: &State,
-    pressure_pa: f32,
+    pressure: &SensorMonitor,
     travel_m: f32,
 ) -> bool {
-    let on_stop = travel_m < STOP_CONTRACTION * values.muscle.initial_length_m;
+    let muscle = &values.muscle;
+    let contraction = travel_m / muscle.initial_length_m;
     // A pressure that does not follow its reference says nothing about the encoder.
-    if on_stop || !state.follower.is_calm() {
+    if contraction < STOP_CONTRACTION || !state.follower.is_calm() {
         return false;
     }
-    libm::fabsf(pressure_pa - state.moved_at_pa) > limits.encoder_stuck_pa
+    let held_n = limits.encoder_stuck_pa * libm::fabsf(muscle.force_per_pressure_m2(contraction));
+    let force_n = |pressure_pa| {
+        let force_n = muscle.force_n(contraction, GaugePa(pressure_pa));
+        force_n.at_least(0.0)
+    };
+    let has_changed = |from_pa, to_pa| libm::fabsf(force_n(to_pa) - force_n(from_pa)) > held_n;
+    let now_pa = pressure.value();
+    has_changed(state.moved_at_pa, now_pa)
+        && has_changed(state.moved_at_made_pa, made_pa(state, now_pa))
 }
 
 /// Takes over an experiment's request. On a suspect reading the pressure may only fall.
@@ -246,17 +273,20 @@ fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses)
         return;
     }
     let [_, pressure, encoder] = statuses;
-    let is_good = [pressure, encoder] == [&SensorStatus::Good; 2];
-    let now = Carried {
-        contraction: contraction(values, next),
-        residual: next.balance.residual(),
-        pressure_pa: next.pressure.value(),
-        reference_pa: next.pressure_ref_pa,
-        moved_at_pa: next.moved_at_pa,
-        is_out_of_balance: next.balance.has_failed(values),
+    // Without a sensor it is that of the slowest valve at most.
+    let read_pa = if is_pressure_known(next, *pressure) {
+        next.pressure.value()
+    } else {
+        f32::MAX
     };
+    let rest = next.balance.motion().map(|motion| Rest {
+        motion,
+        pressure_pa: made_pa(next, read_pa),
+        moved_at_pa: next.moved_at_made_pa,
+    });
+    let is_good = *encoder == SensorStatus::Good;
     let is_allowed = may_retreat(next.mode, next.fault) && is_good && next.port_open;
-    next.retreat = next.retreat.next(values, &now, is_allowed);
+    next.retreat = next.retreat.next(values, rest.as_ref(), is_allowed);
 }
 
 /// ε \[-\], from home.
@@ -303,6 +333,7 @@ fn findings(
         voltage_astray: next.voltage.is_full(values.suspect_ticks),
         pressure_astray: next.follower.has_failed(values),
         too_fast: next.balance.is_too_fast(),
-        force_astray: next.balance.has_failed(values),
+        // A light weight that something carries is within the balance's tolerance.
+        force_astray: next.balance.has_failed(values) || next.retreat.rests_on_something(),
     }
 }

@@ -34,9 +34,8 @@ impl PressureFollower {
     ) -> PressureFollower {
         let share = (f32::from(ticks) * TICK_S / values.pressure_lag_s).at_most(1.0);
         self.slow_pa += share * (reference_pa - self.slow_pa);
-        let low_pa = self.slow_pa.at_most(reference_pa) - values.pressure_error_pa_max;
-        let high_pa = self.slow_pa.at_least(reference_pa) + values.pressure_error_pa_max;
-        let within = pressure_pa >= low_pa && pressure_pa <= high_pa;
+        let off_pa = pressure_pa - self.within_pa(reference_pa, pressure_pa);
+        let within = libm::fabsf(off_pa) <= values.pressure_error_pa_max;
         let outside_ticks = if within { 0 } else { ticks };
         self.outside.add_ticks(outside_ticks, values.suspect_ticks);
         self
@@ -45,6 +44,14 @@ impl PressureFollower {
     /// P_s \[Pa\].
     pub fn slow_pa(&self) -> f32 {
         self.slow_pa
+    }
+
+    /// `pressure_pa`, as far as it lies between P_s and the reference: what the muscle of a sound
+    /// valve may have at most, if no sensor tells less.
+    pub fn within_pa(&self, reference_pa: f32, pressure_pa: f32) -> f32 {
+        let least_pa = self.slow_pa.at_most(reference_pa);
+        let most_pa = self.slow_pa.at_least(reference_pa);
+        pressure_pa.at_least(least_pa).at_most(most_pa)
     }
 
     /// True if the pressure has been between P_s and P_r for a while.
@@ -69,9 +76,7 @@ pub struct ForceBalance {
     last: Option<Read>,
     /// What was read before that.
     before: Option<Read>,
-    /// The residual \[N\], and its mean.
-    residual_n: f32,
-    /// See `residual_n`.
+    /// Mean of the residual \[N\].
     error_n: f32,
     /// Ticks with the residual outside its tolerance.
     outside: BadTickCount,
@@ -111,9 +116,8 @@ impl ForceBalance {
         };
         let passed_s = f32::from(ticks) * TICK_S;
         if let (Some(before), Some(last)) = (self.before, self.last) {
-            self.residual_n = residual_n(values, &before, &last, &now);
             let share = (passed_s / FORCE_BALANCE_MEAN_S).at_most(1.0);
-            self.error_n += share * (self.residual_n - self.error_n);
+            self.error_n += share * (residual_n(values, &before, &last, &now) - self.error_n);
         }
         let within = libm::fabsf(self.error_n) <= values.force_error_n_max;
         let outside_ticks = if within { 0 } else { ticks };
@@ -157,12 +161,6 @@ impl ForceBalance {
             contraction: before.contraction,
             speed_m_per_s: self.speed_m_per_s,
         })
-    }
-
-    /// The residual \[N\], and the contraction for which it was taken: that of the tick before.
-    pub fn residual(&self) -> Option<(f32, f32)> {
-        let before = self.before?;
-        Some((self.residual_n, before.contraction))
     }
 
     /// True if the residual was outside its tolerance for too long.

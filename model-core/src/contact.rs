@@ -22,12 +22,19 @@ pub struct Motion {
 
 impl Motion {
     /// True if the weight may meet a limb: it is off its stop and does not rest. One that rests,
-    /// perhaps on a limb, has no energy that the limb could receive; what a coarse encoder's
-    /// flicker looks like is rest, too.
+    /// perhaps on a limb, has no energy that the limb could receive.
     pub fn may_meet_limb(&self, values: &SettingsValues) -> bool {
-        let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
-        let resting_m_per_s = LIMB_RESTING_M_PER_S.at_least(flicker_m / (2.0 * TICK_S));
-        self.contraction >= STOP_CONTRACTION && libm::fabsf(self.speed_m_per_s) > resting_m_per_s
+        self.is_off_stop() && libm::fabsf(self.speed_m_per_s) > resting_m_per_s(values)
+    }
+
+    /// True if the weight is not on its stop.
+    pub fn is_off_stop(&self) -> bool {
+        self.contraction >= STOP_CONTRACTION
+    }
+
+    /// True if the weight rests.
+    pub fn is_rest(&self, values: &SettingsValues) -> bool {
+        libm::fabsf(self.speed_m_per_s) <= resting_m_per_s(values)
     }
 
     /// Whether a reference of `next_pa` after `now_pa` takes the weight further from balance and
@@ -65,6 +72,12 @@ impl Motion {
             && from_balance_n * from_balance_n
                 > stiffness_n_per_m * (twice_permitted_j - twice_kinetic_j)
     }
+}
+
+/// Speed up to which a weight rests \[m/s\]; what a coarse encoder's flicker looks like is rest, too.
+fn resting_m_per_s(values: &SettingsValues) -> f32 {
+    let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
+    LIMB_RESTING_M_PER_S.at_least(flicker_m / (2.0 * TICK_S))
 }
 
 #[cfg(test)]

@@ -69,20 +69,22 @@ supervisor_limits! {
          the ramp moves it by 5 mm/s, and the encoder's flicker is 1.3 mm/s.";
 
     // Retreat from what the weight was let down on.
-    RETREAT_GIVES_WAY_M: (f32, f32) = (2e-4, 6e-3), "m",
-        "Least and most by which the weight sinks while the muscle's last 65 N go over to a limb: \
-         200 N/mm are stiffer than a skull, 11 N/mm softer than a chest (ISO/TS 15066, table A.3).";
+    RETREAT_CARRIED: f32 = 0.1, "1",
+        "Share of the weight up to which the muscle carries nothing of it: with a tenth it does \
+         not hang at rest, as the ramp goes on below it.";
+    RETREAT_MOVED: f32 = 0.33, "1",
+        "Share of the weight that the muscle may still carry when it last moves on a limb: \
+         friction then holds it (26 N of 118 N beside that tenth, where 7 N are the reference \
+         rig's). 200 N/mm, stiffer than a skull (ISO/TS 15066, table A.3), then give way by 15 \
+         counts more.";
     RETREAT_RESTS_TICKS: u8 = 15, "tick",
-        "Time for which it has then rested there: a lighter payload sinks by 12 mm meanwhile.";
-    RETREAT_FRICTION: f32 = 0.25, "1",
-        "Share of `force_error_n_max` by which the muscle may still carry the weight when it last \
-         moves on a limb: friction then holds it (26 N, where 7 N are the reference rig's).";
-    RETREAT_M: f32 = 0.010, "m",
+        "Time for which it has rested then: at a turning point it does so for a tick or two.";
+    RETREAT_M: f32 = 0.009, "m",
         "Height of the retreat: what a limb gives way (2 mm) and what friction and hysteresis hold \
          back (30 N over the muscle's 4 N/mm). With an encoder that has jumped by 15 mm, which its \
          step limit lets pass, the 25 mm in which no finger is crushed (ISO 13854).";
     RETREAT_TICKS: u8 = 250, "tick",
-        "Time of a retreat: half a second to rise at the ramp's rate, 2 s to draw a limb away.";
+        "Time of a retreat: up to a second to rise at the ramp's rate, 1.5 s to draw a limb away.";
     RETREATS_MAX: u8 = 3, "1",
         "Retreats after a self-check: what is still below then is no limb.";
 

@@ -42,10 +42,13 @@ pub struct State {
     pub window_ticks: u16,
     /// See `window_ticks`.
     pub window_sum_n: f32,
-    /// The encoder's count, and the pressure \[Pa\], when it last moved by more than flicker.
+    /// The encoder's count when it last moved by more than flicker, and the pressure \[Pa\]: as
+    /// read, and as a sound valve can have made it.
     pub moved_to: EncoderCount,
     /// See `moved_to`.
     pub moved_at_pa: f32,
+    /// See `moved_to`.
+    pub moved_at_made_pa: f32,
     /// P_r \[Pa\] that an experiment requested last, and ticks since then (the count saturates).
     pub played_pa: f32,
     /// See `played_pa`.
