@@ -1,12 +1,15 @@
 //! Analysis of a tick's sensors: which readings are plausible, whether they are consistent, and
 //! what the supervisor has to know. It has no effect but on the state that it returns.
 
+use crate::constants::GRAVITY_M_PER_S2;
 use crate::io::{Request, Sensors};
-use crate::limits::{ADC_VALID, EMPTIED_TICKS, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION};
+use crate::limits::{
+    ADC_VALID, EMPTIED_TICKS, ENCODER_HELD, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION,
+};
 use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
 use crate::pressure::GaugePa;
-use crate::retreat::{Rest, Retreat, may_retreat};
+use crate::retreat::{Observed, Retreat, may_retreat};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
 use crate::state::{State, limited_pa};
@@ -30,13 +33,18 @@ pub struct ReadingLimits {
     pub encoder_step_m_max: f32,
     /// So many equal readings of an ADC in a row are a standstill; 0: never.
     pub stuck_ticks: u16,
-    /// Largest pressure change, off the stop, without a count from the encoder \[Pa\].
+    /// Largest pressure change, off the stop, without a count from the encoder \[Pa\], and largest
+    /// change of the muscle's force \[N\].
     pub encoder_stuck_pa: f32,
+    /// See `encoder_stuck_pa`.
+    pub encoder_held_n: f32,
 }
 
 impl ReadingLimits {
     /// The limits that follow from a rig's settings.
     pub fn new(values: &SettingsValues) -> ReadingLimits {
+        let (of_weight, of_tolerance) = ENCODER_HELD;
+        let weight_n = values.load_kg * GRAVITY_M_PER_S2 as f32;
         ReadingLimits {
             adc_valid: ADC_VALID,
             pressure_pa_min: PRESSURE_PA_MIN,
@@ -46,6 +54,8 @@ impl ReadingLimits {
             encoder_step_m_max: values.encoder_step_m_max,
             stuck_ticks: values.stuck_ticks,
             encoder_stuck_pa: values.encoder_stuck_pa,
+            encoder_held_n: (of_weight * weight_n)
+                .at_least(of_tolerance * values.force_error_n_max),
         }
     }
 }
@@ -124,7 +134,7 @@ fn read(
     let encoder_bounds = Bounds {
         // Home is not known before the self-check has found it.
         out_of_range: state.mode != Mode::SelfCheck && travel_m < limits.travel_m_min,
-        at_standstill: !moved && stands_still(values, limits, state, &pressure, travel_m),
+        at_standstill: !moved && stands_still(values, limits, state, pressure.value(), travel_m),
         step_max: limits.encoder_step_m_max,
         stuck_ticks: 0,
         suspect_ticks: values.suspect_ticks,
@@ -137,11 +147,7 @@ fn read(
     if moved || state.mode == Mode::SelfCheck {
         next.moved_to = sensors.encoder;
         next.moved_at_pa = pressure.value();
-        next.moved_at_made_pa = if is_pressure_known(state, pressure_status) {
-            made_pa(state, pressure.value())
-        } else {
-            state.pressure_ref_pa
-        };
+        next.moved_at_valve_pa = valve_pa(state, pressure.value());
     }
     // Without a memory of what was commanded, the ramp down begins at what the muscle has. After
     // hardware in the loop, with a fault from before it, the valve was at 0 V and stays there.
@@ -154,26 +160,23 @@ fn read(
     (next, [bridge_status, pressure_status, encoder_status])
 }
 
-/// Whether the pressure sensor is right, as far as can be known.
-fn is_pressure_known(state: &State, status: SensorStatus) -> bool {
-    status == SensorStatus::Good && !matches!(state.fault, Some(Fault::Pressure(_)))
-}
-
-/// The pressure that the valve has made \[Pa\]: as it is read, if a sound valve can have made that.
-fn made_pa(state: &State, pressure_pa: f32) -> f32 {
-    state.follower.within_pa(state.pressure_ref_pa, pressure_pa)
+/// A pressure \[Pa\], limited to what a sound valve makes of the reference.
+fn valve_pa(state: &State, pressure_pa: f32) -> f32 {
+    state
+        .follower
+        .limited_pa(state.pressure_ref_pa, pressure_pa)
 }
 
 /// True if the pressure has changed by more than static friction can hold since the encoder moved,
-/// as the sensor reads it and as the valve has made it: a sensor that is off says nothing about the
-/// encoder. What a muscle does not pull with moves nothing: it rests on something, as on its stop.
-/// There the weight rests until it is lifted, which the force balance detects; an encoder with play
-/// does not return to the same count there.
+/// as the sensor reads it and as a sound valve makes it: a sensor that is off says nothing about
+/// the encoder. What the muscle does not pull with moves nothing: the weight rests on something, as
+/// on its stop. There it rests until it is lifted, which the force balance detects; an encoder with
+/// play does not return to the same count there.
 fn stands_still(
     values: &SettingsValues,
     limits: &ReadingLimits,
     state: &State,
-    pressure: &SensorMonitor,
+    pressure_pa: f32,
     travel_m: f32,
 ) -> bool {
     let muscle = &values.muscle;
@@ -182,15 +185,15 @@ fn stands_still(
     if contraction < STOP_CONTRACTION || !state.follower.is_calm() {
         return false;
     }
-    let held_n = limits.encoder_stuck_pa * libm::fabsf(muscle.force_per_pressure_m2(contraction));
+    let area_m2 = libm::fabsf(muscle.force_per_pressure_m2(contraction));
+    let held_n = (limits.encoder_stuck_pa * area_m2).at_most(limits.encoder_held_n);
     let force_n = |pressure_pa| {
         let force_n = muscle.force_n(contraction, GaugePa(pressure_pa));
         force_n.at_least(0.0)
     };
     let has_changed = |from_pa, to_pa| libm::fabsf(force_n(to_pa) - force_n(from_pa)) > held_n;
-    let now_pa = pressure.value();
-    has_changed(state.moved_at_pa, now_pa)
-        && has_changed(state.moved_at_made_pa, made_pa(state, now_pa))
+    has_changed(state.moved_at_pa, pressure_pa)
+        && has_changed(state.moved_at_valve_pa, valve_pa(state, pressure_pa))
 }
 
 /// Takes over an experiment's request. On a suspect reading the pressure may only fall.
@@ -265,28 +268,48 @@ fn check_consistency(values: &SettingsValues, next: &mut State, sensors: &Sensor
     next.balance = next.balance.next(values, contraction, pressure_pa, ticks);
 }
 
-/// Begins a retreat, or ends one.
+/// Whether the pressure sensor is right, as far as can be known.
+fn is_pressure_known(state: &State, status: SensorStatus) -> bool {
+    status == SensorStatus::Good && !matches!(state.fault, Some(Fault::Pressure(_)))
+}
+
+/// The pressure that the muscle may have at most \[Pa\]: on the ramp down that of the slowest
+/// valve, if the sensor tells no less, as it may be off; otherwise what the sensor tells, too.
+fn most_pa(state: &State, status: SensorStatus) -> f32 {
+    let read_pa = if is_pressure_known(state, status) {
+        state.pressure.value()
+    } else {
+        f32::MAX
+    };
+    let valve_pa = valve_pa(state, read_pa);
+    match state.mode {
+        Mode::Venting => valve_pa,
+        _ => valve_pa.at_least(read_pa),
+    }
+}
+
+/// Begins a retreat, or ends one. Closes the port's valve if the pressure does not obey the valve,
+/// whatever the reason is that was latched before.
 fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses) {
     if matches!(next.mode, Mode::SelfCheck | Mode::Ready) {
         // Nothing was lifted yet.
         next.retreat = Retreat::default();
         return;
     }
-    let [_, pressure, encoder] = statuses;
-    // Without a sensor it is that of the slowest valve at most.
-    let read_pa = if is_pressure_known(next, *pressure) {
-        next.pressure.value()
-    } else {
-        f32::MAX
-    };
-    let rest = next.balance.motion().map(|motion| Rest {
+    let [_, pressure, encoder] = *statuses;
+    let is_astray = next.follower.has_failed(values) && is_pressure_known(next, pressure);
+    if next.mode == Mode::Venting && is_astray {
+        next.port_open = false;
+    }
+    let observed = next.balance.motion().map(|motion| Observed {
         motion,
-        pressure_pa: made_pa(next, read_pa),
-        moved_at_pa: next.moved_at_made_pa,
+        acceleration_m_per_s2: next.balance.acceleration_m_per_s2(),
+        pressure_pa: most_pa(next, pressure),
+        reference_pa: next.pressure_ref_pa,
     });
-    let is_good = *encoder == SensorStatus::Good;
+    let is_good = encoder == SensorStatus::Good;
     let is_allowed = may_retreat(next.mode, next.fault) && is_good && next.port_open;
-    next.retreat = next.retreat.next(values, rest.as_ref(), is_allowed);
+    next.retreat = next.retreat.next(values, observed.as_ref(), is_allowed);
 }
 
 /// ε \[-\], from home.

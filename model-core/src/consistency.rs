@@ -34,7 +34,7 @@ impl PressureFollower {
     ) -> PressureFollower {
         let share = (f32::from(ticks) * TICK_S / values.pressure_lag_s).at_most(1.0);
         self.slow_pa += share * (reference_pa - self.slow_pa);
-        let off_pa = pressure_pa - self.within_pa(reference_pa, pressure_pa);
+        let off_pa = pressure_pa - self.limited_pa(reference_pa, pressure_pa);
         let within = libm::fabsf(off_pa) <= values.pressure_error_pa_max;
         let outside_ticks = if within { 0 } else { ticks };
         self.outside.add_ticks(outside_ticks, values.suspect_ticks);
@@ -46,12 +46,11 @@ impl PressureFollower {
         self.slow_pa
     }
 
-    /// `pressure_pa`, as far as it lies between P_s and the reference: what the muscle of a sound
-    /// valve may have at most, if no sensor tells less.
-    pub fn within_pa(&self, reference_pa: f32, pressure_pa: f32) -> f32 {
+    /// `pressure_pa`, limited to between P_s and the reference; the larger of the two for NaN.
+    pub fn limited_pa(&self, reference_pa: f32, pressure_pa: f32) -> f32 {
         let least_pa = self.slow_pa.at_most(reference_pa);
         let most_pa = self.slow_pa.at_least(reference_pa);
-        pressure_pa.at_least(least_pa).at_most(most_pa)
+        pressure_pa.at_most(most_pa).at_least(least_pa)
     }
 
     /// True if the pressure has been between P_s and P_r for a while.
@@ -76,6 +75,8 @@ pub struct ForceBalance {
     last: Option<Read>,
     /// What was read before that.
     before: Option<Read>,
+    /// Acceleration at the reading before the last \[m/s²\], upwards.
+    acceleration_m_per_s2: f32,
     /// Mean of the residual \[N\].
     error_n: f32,
     /// Ticks with the residual outside its tolerance.
@@ -116,8 +117,11 @@ impl ForceBalance {
         };
         let passed_s = f32::from(ticks) * TICK_S;
         if let (Some(before), Some(last)) = (self.before, self.last) {
+            let change_per_s2 = change_per_s2(&before, &last, &now);
+            self.acceleration_m_per_s2 = muscle.initial_length_m * change_per_s2;
+            let residual_n = residual_n(values, &last, self.acceleration_m_per_s2);
             let share = (passed_s / FORCE_BALANCE_MEAN_S).at_most(1.0);
-            self.error_n += share * (residual_n(values, &before, &last, &now) - self.error_n);
+            self.error_n += share * (residual_n - self.error_n);
         }
         let within = libm::fabsf(self.error_n) <= values.force_error_n_max;
         let outside_ticks = if within { 0 } else { ticks };
@@ -163,20 +167,28 @@ impl ForceBalance {
         })
     }
 
+    /// Acceleration at the reading before the last \[m/s²\], upwards; 0 before the third reading.
+    pub fn acceleration_m_per_s2(&self) -> f32 {
+        self.acceleration_m_per_s2
+    }
+
     /// True if the residual was outside its tolerance for too long.
     pub fn has_failed(&self, values: &SettingsValues) -> bool {
         self.outside.is_full(values.suspect_ticks)
     }
 }
 
-/// Residual of Eq 5 \[N\] at `last`, by the three readings about it. The difference quotients are
-/// exact for a parabola, however many ticks lie between the readings.
-fn residual_n(values: &SettingsValues, before: &Read, last: &Read, now: &Read) -> f32 {
+/// d²ε/dt² \[1/s²\] at `last`, by the three readings about it: exact for a parabola, however many
+/// ticks lie between them.
+fn change_per_s2(before: &Read, last: &Read, now: &Read) -> f32 {
     let [first_s, second_s] = [last.ticks, now.ticks].map(|ticks| f32::from(ticks) * TICK_S);
     let rate_before_per_s = (last.contraction - before.contraction) / first_s;
     let rate_after_per_s = (now.contraction - last.contraction) / second_s;
-    let change_per_s2 = (rate_after_per_s - rate_before_per_s) / (0.5 * (first_s + second_s));
-    let acceleration_m_per_s2 = values.muscle.initial_length_m * change_per_s2;
+    (rate_after_per_s - rate_before_per_s) / (0.5 * (first_s + second_s))
+}
+
+/// Residual of Eq 5 \[N\] at `last`, where the weight has this acceleration.
+fn residual_n(values: &SettingsValues, last: &Read, acceleration_m_per_s2: f32) -> f32 {
     let weight_n = values.load_kg * (GRAVITY_M_PER_S2 as f32 + acceleration_m_per_s2);
     let residual_n = last.force_n - weight_n;
     // On its stop the weight is carried by the stop as far as the muscle does not.

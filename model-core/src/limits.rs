@@ -68,23 +68,37 @@ supervisor_limits! {
         "Speed up to which the weight rests, so that the reference may go on: on a limb of 75 N/mm \
          the ramp moves it by 5 mm/s, and the encoder's flicker is 1.3 mm/s.";
 
+    ENCODER_HELD: (f32, f32) = (0.8, 0.5), "1",
+        "Largest change of the muscle's force without a count from the encoder, as a share of the \
+         weight, which it is at most while the weight is let down, and at least of \
+         `force_error_n_max`, as friction and hysteresis may hold that. `encoder_stuck_pa` may be \
+         less.";
+
     // Retreat from what the weight was let down on.
-    RETREAT_CARRIED: f32 = 0.1, "1",
-        "Share of the weight up to which the muscle carries nothing of it: with a tenth it does \
-         not hang at rest, as the ramp goes on below it.";
-    RETREAT_MOVED: f32 = 0.33, "1",
-        "Share of the weight that the muscle may still carry when it last moves on a limb: \
-         friction then holds it (26 N of 118 N beside that tenth, where 7 N are the reference \
-         rig's). 200 N/mm, stiffer than a skull (ISO/TS 15066, table A.3), then give way by 15 \
-         counts more.";
+    RETREAT_CARRIED: f32 = 0.5, "1",
+        "Share of the weight with which the muscle carries it.";
+    RETREAT_LET_GO: f32 = 0.15, "1",
+        "The same from which on it does not: into a limb the weight sinks up to the end, by 0.1 mm \
+         with this share on 200 N/mm.";
+    RETREAT_LACKING: f32 = 0.9, "1",
+        "Share of the weight that the muscle does not carry at least of what rests on something: \
+         with the rest of it the weight does not hang, as the ramp goes on below it.";
+    RETREAT_LACKING_TOLERANCE: f32 = 0.5, "1",
+        "The same in `force_error_n_max`: what friction, hysteresis and the muscle's values make \
+         of a weight that rests (docs/safety.md has up to 53 N).";
+    RETREAT_GIVES_WAY_M: RangeInclusive<f32> = 2e-4..=6e-3, "m",
+        "By how much the weight sinks while that half goes over to a limb: 59 N on 200 N/mm, \
+         stiffer than a skull, to 10 N/mm, softer than a chest (ISO/TS 15066, table A.3).";
     RETREAT_RESTS_TICKS: u8 = 15, "tick",
         "Time for which it has rested then: at a turning point it does so for a tick or two.";
-    RETREAT_M: f32 = 0.009, "m",
-        "Height of the retreat: what a limb gives way (2 mm) and what friction and hysteresis hold \
-         back (30 N over the muscle's 4 N/mm). With an encoder that has jumped by 15 mm, which its \
-         step limit lets pass, the 25 mm in which no finger is crushed (ISO 13854).";
+    RETREAT_CLEARS_M: f32 = 1e-3, "m",
+        "Height of a retreat above what carries the weight.";
+    RETREAT_M: f32 = 0.006, "m",
+        "Height above that, up to which friction and hysteresis may hold the weight back (24 N over \
+         the muscle's 4 N/mm): no reference for more. With an encoder that has jumped by 15 mm, \
+         which its step limit lets pass, 23 mm: in 25 mm no finger is crushed (ISO 13854).";
     RETREAT_TICKS: u8 = 250, "tick",
-        "Time of a retreat: up to a second to rise at the ramp's rate, 1.5 s to draw a limb away.";
+        "Time of a retreat: about a second to rise at the ramp's rate, the rest to draw a limb away.";
     RETREATS_MAX: u8 = 3, "1",
         "Retreats after a self-check: what is still below then is no limb.";
 

@@ -1,12 +1,15 @@
 //! Retreat: lifts the weight off what it was let down on, such as a foot.
 //!
 //! A limb below the weight looks like this: the weight rests above its stop, although the muscle
-//! carries nothing of it. What a payload leaves that was lost does not rest there, it falls.
+//! carries nothing of it, some millimetres below where the muscle last carried it. A shelf looks
+//! the same.
 
 use crate::constants::GRAVITY_M_PER_S2;
 use crate::contact::Motion;
 use crate::limits::{
-    RETREAT_CARRIED, RETREAT_M, RETREAT_MOVED, RETREAT_RESTS_TICKS, RETREAT_TICKS, RETREATS_MAX,
+    FLICKER_COUNTS, RETREAT_CARRIED, RETREAT_CLEARS_M, RETREAT_GIVES_WAY_M, RETREAT_LACKING,
+    RETREAT_LACKING_TOLERANCE, RETREAT_LET_GO, RETREAT_M, RETREAT_RESTS_TICKS, RETREAT_TICKS,
+    RETREATS_MAX,
 };
 use crate::number::Number;
 use crate::pressure::GaugePa;
@@ -18,16 +21,19 @@ use serde::{Deserialize, Serialize};
 /// State of the retreat between ticks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Retreat {
-    /// The weight has not been on its stop since the muscle carried it: what an encoder that jumps
-    /// lifts from there is no limb's.
-    is_up: bool,
+    /// ε \[-\] where the muscle last carried the weight, and some of it; or where it last fell.
+    carried_at: f32,
+    /// See `carried_at`.
+    let_go_at: f32,
     /// Ticks for which the weight has rested on something; the count saturates.
     rests_ticks: u8,
     /// Ticks of all retreats up to now: one is going on unless they are a multiple of
     /// [`RETREAT_TICKS`].
     ticks: u16,
-    /// P_r \[Pa\] to which the weight is lifted.
-    pressure_pa: f32,
+    /// ε \[-\] to which the weight is lifted: just above what carries it.
+    lifts_to: f32,
+    /// P_r \[Pa\] that this tick may reach.
+    lifts_pa: f32,
 }
 
 /// Ticks of all retreats.
@@ -35,28 +41,38 @@ const TICKS_MAX: u16 = RETREATS_MAX as u16 * RETREAT_TICKS as u16;
 
 /// What a tick knows of the weight.
 #[derive(Clone, Copy, Debug)]
-pub struct Rest {
-    /// The weight's motion.
+pub struct Observed {
+    /// The weight's motion, and its acceleration \[m/s²\], upwards.
     pub motion: Motion,
-    /// The pressure that the muscle may have at most \[Pa\], and when the encoder last moved.
+    /// See `motion`.
+    pub acceleration_m_per_s2: f32,
+    /// The pressure of the muscle \[Pa\]: at most, and P_r, which it is not much below while P_r
+    /// falls.
     pub pressure_pa: f32,
     /// See `pressure_pa`.
-    pub moved_at_pa: f32,
+    pub reference_pa: f32,
 }
 
-impl Rest {
-    /// Whether the muscle carries less than this share of the weight with a pressure \[Pa\].
-    fn carries_less(&self, values: &SettingsValues, pressure_pa: f32, share: f32) -> bool {
-        let (weight_n, pressure) = (weight_n(values), GaugePa(pressure_pa));
-        values.muscle.force_n(self.motion.contraction, pressure) < share * weight_n
+impl Observed {
+    /// The muscle's force \[N\] with a pressure \[Pa\].
+    fn force_n(&self, values: &SettingsValues, pressure_pa: f32) -> f32 {
+        let pressure = GaugePa(pressure_pa);
+        values.muscle.force_n(self.motion.contraction, pressure)
     }
 
-    /// Whether the weight rests although the muscle carries nothing of it, by an encoder that has
-    /// moved since friction could hold it. One that stands still because it is frozen has not.
-    fn is_on_something(&self, values: &SettingsValues) -> bool {
-        self.motion.is_rest(values)
-            && self.carries_less(values, self.pressure_pa, RETREAT_CARRIED)
-            && self.carries_less(values, self.moved_at_pa, RETREAT_MOVED)
+    /// Whether the muscle carries this share of the weight at least, or the weight falls.
+    fn carries(&self, values: &SettingsValues, share: f32) -> bool {
+        let inertia_n = values.load_kg * self.acceleration_m_per_s2;
+        let force_n = self.force_n(values, self.reference_pa).at_least(0.0);
+        force_n - inertia_n >= share * weight_n(values)
+    }
+
+    /// Whether the weight rests although the muscle carries nothing of it.
+    fn is_uncarried(&self, values: &SettingsValues) -> bool {
+        let tolerance_n = RETREAT_LACKING_TOLERANCE * values.force_error_n_max;
+        let lacking_n = (RETREAT_LACKING * weight_n(values)).at_least(tolerance_n);
+        let lacks_n = weight_n(values) - self.force_n(values, self.pressure_pa);
+        self.motion.is_off_stop() && self.motion.is_rest(values) && lacks_n >= lacking_n
     }
 }
 
@@ -90,33 +106,60 @@ impl Retreat {
     pub fn next(
         mut self,
         values: &SettingsValues,
-        rest: Option<&Rest>,
+        observed: Option<&Observed>,
         is_allowed: bool,
     ) -> Retreat {
-        self.is_up = rest.is_some_and(|rest| {
-            let is_carried = !rest.carries_less(values, rest.pressure_pa, RETREAT_MOVED);
-            rest.motion.is_off_stop() && (self.is_up || is_carried)
-        });
-        let resting = rest.filter(|rest| self.is_up && rest.is_on_something(values));
-        self.rests_ticks = resting.map_or(0, |_| self.rests_ticks.saturating_add(1));
-        if !is_allowed || !self.is_up {
+        let Some(now) = observed.filter(|now| now.motion.contraction.is_finite()) else {
+            self.rests_ticks = 0;
+            self.end();
+            return self;
+        };
+        if now.carries(values, RETREAT_CARRIED) {
+            self.carried_at = now.motion.contraction;
+        }
+        if now.carries(values, RETREAT_LET_GO) {
+            self.let_go_at = now.motion.contraction;
+        }
+        self.rests_ticks = if now.is_uncarried(values) && self.gives_way(values, now) {
+            self.rests_ticks.saturating_add(1)
+        } else {
+            0
+        };
+        if !is_allowed || !now.motion.is_off_stop() {
             self.end();
         } else if self.is_going_on() {
             self.ticks = self.ticks.saturating_add(1);
-        }
-        let may_begin = is_allowed && !self.is_going_on() && self.ticks < TICKS_MAX;
-        if let Some(rest) = resting
-            && may_begin
-            && self.rests_on_something()
-        {
-            let muscle = &values.muscle;
-            let lifted = rest.motion.contraction + RETREAT_M / muscle.initial_length_m;
-            let (most, most_pa) = (values.contraction_max, GaugePa(values.pressure_pa_max));
-            let lifted_pa = reference_pressure(muscle, weight_n(values), lifted, most, most_pa);
-            self.pressure_pa = lifted_pa.0.at_least(0.0);
+        } else if self.rests_on_something() && self.ticks < TICKS_MAX {
             self.ticks = self.ticks.saturating_add(1);
+            // What half of the weight has pressed in, the other half has, too.
+            let sunk = 2.0 * (self.carried_at - now.motion.contraction);
+            let clear = RETREAT_CLEARS_M / values.muscle.initial_length_m;
+            self.lifts_to = now.motion.contraction + sunk + clear;
         }
+        self.lifts_pa = self.next_pa(values, now);
         self
+    }
+
+    /// Whether the weight has sunk into what carries it, up to the end: an encoder that is frozen
+    /// shows no such way, one that loses counts a longer one, or one that ends with a stop.
+    fn gives_way(&self, values: &SettingsValues, now: &Observed) -> bool {
+        let sunk_m = |from: f32| values.muscle.initial_length_m * (from - now.motion.contraction);
+        let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
+        RETREAT_GIVES_WAY_M.contains(&sunk_m(self.carried_at)) && sunk_m(self.let_go_at) > flicker_m
+    }
+
+    /// P_r \[Pa\] of a tick that lifts: no higher than friction and hysteresis may hold the weight
+    /// back, and than it is once the encoder shows that nothing else carries the weight.
+    fn next_pa(&self, values: &SettingsValues, now: &Observed) -> f32 {
+        let muscle = &values.muscle;
+        let highest = self.lifts_to + RETREAT_M / muscle.initial_length_m;
+        let (most, most_pa) = (values.contraction_max, GaugePa(values.pressure_pa_max));
+        let highest_pa = reference_pressure(muscle, weight_n(values), highest, most, most_pa);
+        if now.motion.contraction >= self.lifts_to {
+            highest_pa.0.at_most(now.reference_pa)
+        } else {
+            highest_pa.0
+        }
     }
 
     /// True if the weight has rested on something for a while.
@@ -128,9 +171,9 @@ impl Retreat {
         !self.ticks.is_multiple_of(RETREAT_TICKS.into())
     }
 
-    /// P_r \[Pa\] to which the weight is lifted, during a retreat.
+    /// P_r \[Pa\] towards which it moves in a retreat.
     pub fn lifts_to_pa(&self) -> Option<f32> {
-        self.is_going_on().then_some(self.pressure_pa)
+        self.is_going_on().then_some(self.lifts_pa)
     }
 
     /// Ends a retreat.
@@ -145,114 +188,174 @@ mod tests {
     use crate::plausibility::Doubt;
 
     const VALUES: SettingsValues = SettingsValues::reference();
-    const WEIGHT_N: f32 = 12.0 * GRAVITY_M_PER_S2 as f32;
 
-    /// Pressure \[Pa\] with which the muscle carries this share of the weight at ε = 0.1.
-    fn carrying_pa(share: f32) -> f32 {
-        let area_m2 = VALUES.muscle.force_per_pressure_m2(0.1);
-        (share * WEIGHT_N - VALUES.muscle.gamma_n) / area_m2
+    /// Pressure \[Pa\] with which the muscle carries this share of the weight of these settings.
+    fn carrying_pa(values: &SettingsValues, contraction: f32, share: f32) -> f32 {
+        let area_m2 = values.muscle.force_per_pressure_m2(contraction);
+        (share * weight_n(values) - values.muscle.gamma_n) / area_m2
     }
 
-    /// A weight that rests at ε = 0.1 on something.
-    fn at_rest() -> Rest {
-        Rest {
-            motion: Motion {
-                contraction: 0.1,
-                speed_m_per_s: 0.0,
-            },
-            pressure_pa: carrying_pa(0.0),
-            moved_at_pa: carrying_pa(0.2),
-        }
-    }
-
-    /// When the muscle carries the weight.
-    fn carried() -> Retreat {
-        let rest = Rest {
-            pressure_pa: carrying_pa(1.0),
-            ..at_rest()
+    /// A weight of these settings that is carried at ε = 0.1 and then has sunk by so much \[m\] to
+    /// where it rests on something.
+    fn on_limb(values: &SettingsValues, sunk_m: f32) -> (Retreat, Observed) {
+        let observed = |sunk_m: f32, share: f32| {
+            let contraction = 0.1 - sunk_m / values.muscle.initial_length_m;
+            let pressure_pa = carrying_pa(values, contraction, share);
+            Observed {
+                motion: Motion {
+                    contraction,
+                    speed_m_per_s: 0.0,
+                },
+                acceleration_m_per_s2: 0.0,
+                pressure_pa,
+                reference_pa: pressure_pa,
+            }
         };
-        Retreat::default().next(&VALUES, Some(&rest), true)
+        let carried = Retreat::default().next(values, Some(&observed(0.0, 1.0)), true);
+        (carried, observed(sunk_m, -0.4))
     }
 
     /// After so many ticks of this.
-    fn rested(ticks: u8, change: impl Fn(&mut Rest), is_allowed: bool) -> Retreat {
-        let mut rest = at_rest();
-        change(&mut rest);
-        (0..ticks).fold(carried(), |retreat, _| {
-            retreat.next(&VALUES, Some(&rest), is_allowed)
+    fn rested(ticks: u8, sunk_m: f32, change: impl Fn(&mut Observed), allowed: bool) -> Retreat {
+        let (carried, mut observed) = on_limb(&VALUES, sunk_m);
+        change(&mut observed);
+        (0..ticks).fold(carried, |retreat, _| {
+            retreat.next(&VALUES, Some(&observed), allowed)
         })
     }
 
+    const LIMB_M: f32 = 1.6e-3;
+
     #[test]
-    fn retreat_lifts_to_where_the_muscle_carries_the_weight_higher_up() {
-        let nothing = |_: &mut Rest| {};
-        assert_eq!(
-            rested(RETREAT_RESTS_TICKS - 1, nothing, true).lifts_to_pa(),
-            None
-        );
-        let retreat = rested(RETREAT_RESTS_TICKS, nothing, true);
-        let pressure_pa = retreat.lifts_to_pa().expect("a retreat");
-        let lifted = 0.1 + RETREAT_M / VALUES.muscle.initial_length_m;
-        let force_n = VALUES.muscle.force_n(lifted, GaugePa(pressure_pa));
-        assert!((force_n - WEIGHT_N).abs() < 1.0, "{force_n} N");
+    fn what_rests_on_a_limb_for_a_while_is_lifted() {
+        let nothing = |_: &mut Observed| {};
+        let before = rested(RETREAT_RESTS_TICKS - 1, LIMB_M, nothing, true);
+        assert_eq!(before.lifts_to_pa(), None);
+        let begun = rested(RETREAT_RESTS_TICKS, LIMB_M, nothing, true);
+        assert!(begun.lifts_to_pa().is_some());
     }
 
-    /// The muscle still pulls with 28 N when friction stops the weight on the limb; not with 47 N.
+    /// A foot clamped with 59 N, which no balance of forces with a tolerance of 105 N tells.
     #[test]
-    fn what_friction_holds_on_a_limb_is_lifted_off() {
-        for (share, lifts) in [(0.235, true), (0.4, false)] {
-            let moved_at = |rest: &mut Rest| rest.moved_at_pa = carrying_pa(share);
-            let retreat = rested(RETREAT_RESTS_TICKS, moved_at, true);
-            assert_eq!(retreat.lifts_to_pa().is_some(), lifts, "{share}");
+    fn a_light_weight_is_lifted_off_too() {
+        let values = SettingsValues {
+            load_kg: 6.0,
+            ..VALUES
+        };
+        let (carried, observed) = on_limb(&values, 0.8e-3);
+        let rested = (0..RETREAT_RESTS_TICKS).fold(carried, |retreat, _| {
+            retreat.next(&values, Some(&observed), true)
+        });
+        assert!(rested.lifts_to_pa().is_some());
+    }
+
+    /// To where the muscle carries the weight 6 mm higher, or as high as the encoder shows.
+    #[test]
+    fn a_lift_ends_by_the_encoder() {
+        let begun = rested(RETREAT_RESTS_TICKS, LIMB_M, |_| {}, true);
+        let (_, on_limb) = on_limb(&VALUES, LIMB_M);
+        let length_m = VALUES.muscle.initial_length_m;
+        let clear = 0.1 + (LIMB_M + RETREAT_CLEARS_M) / length_m;
+        let highest_pa = carrying_pa(&VALUES, clear + RETREAT_M / length_m, 1.0);
+        for (contraction, expected_pa) in [
+            (on_limb.motion.contraction, highest_pa),
+            (clear - 1e-4, highest_pa),
+            (clear + 1e-4, 1.5e5),
+        ] {
+            let mut now = on_limb;
+            now.motion.contraction = contraction;
+            now.reference_pa = 1.5e5;
+            let next_pa = begun.next(&VALUES, Some(&now), true).lifts_to_pa();
+            let next_pa = next_pa.expect("a retreat");
+            assert!(
+                (next_pa - expected_pa).abs() < 10.0,
+                "{next_pa} {expected_pa}"
+            );
         }
     }
 
     #[test]
     fn nothing_is_lifted_that_no_limb_carries() {
-        type Change = fn(&mut Rest);
-        let none: [(&str, Change, bool); 8] = [
-            ("not allowed", |_| {}, false),
-            ("on its stop", |rest| rest.motion.contraction = 0.01, true),
-            ("falls", |rest| rest.motion.speed_m_per_s = -0.05, true),
-            ("rises", |rest| rest.motion.speed_m_per_s = 0.05, true),
-            ("carried", |rest| rest.pressure_pa = carrying_pa(0.2), true),
+        type Change = fn(&mut Observed);
+        let nothing: Change = |_| {};
+        let none: [(&str, f32, Change, bool); 10] = [
+            ("not allowed", LIMB_M, nothing, false),
+            ("the encoder is frozen", 0.0, nothing, true),
             (
-                "the encoder last moved when the muscle carried it: it is frozen",
-                |rest| rest.moved_at_pa = carrying_pa(1.0),
+                "it loses counts, or gives way like a rope",
+                0.02,
+                nothing,
                 true,
             ),
-            ("no number", |rest| rest.motion.contraction = f32::NAN, true),
-            ("no pressure", |rest| rest.pressure_pa = f32::NAN, true),
+            ("it jumps upwards on the stop", -0.014, nothing, true),
+            (
+                "on its stop",
+                LIMB_M,
+                |observed| observed.motion.contraction = 0.01,
+                true,
+            ),
+            (
+                "falls",
+                LIMB_M,
+                |observed| observed.motion.speed_m_per_s = -0.05,
+                true,
+            ),
+            (
+                "rises",
+                LIMB_M,
+                |observed| observed.motion.speed_m_per_s = 0.05,
+                true,
+            ),
+            (
+                "carried",
+                LIMB_M,
+                |observed| observed.pressure_pa = carrying_pa(&VALUES, 0.1, 0.2),
+                true,
+            ),
+            (
+                "no number",
+                LIMB_M,
+                |observed| observed.motion.contraction = f32::NAN,
+                true,
+            ),
+            (
+                "no pressure",
+                LIMB_M,
+                |observed| observed.pressure_pa = f32::NAN,
+                true,
+            ),
         ];
-        for (what, change, is_allowed) in none {
-            assert_eq!(rested(40, change, is_allowed).lifts_to_pa(), None, "{what}");
-        }
-        // An encoder that jumps while the weight is on its stop.
-        let on_stop = rested(1, |rest| rest.motion.contraction = 0.01, true);
-        for begun in [
-            Retreat::default(),
-            on_stop,
-            carried().next(&VALUES, None, true),
-        ] {
-            let jumped = (0..40).fold(begun, |retreat, _| {
-                retreat.next(&VALUES, Some(&at_rest()), true)
-            });
-            assert_eq!(jumped.lifts_to_pa(), None);
+        for (what, sunk_m, change, is_allowed) in none {
+            let rested = rested(40, sunk_m, change, is_allowed);
+            assert_eq!(rested.lifts_to_pa(), None, "{what}");
         }
     }
 
     /// One that is found again and again is lifted three times, each time for 2.5 s.
     #[test]
     fn retreats_end_by_themselves_and_with_what_allows_them() {
-        let (mut retreat, mut lifted_ticks) = (carried(), 0);
+        let (mut retreat, observed) = on_limb(&VALUES, LIMB_M);
+        let mut lifted_ticks = 0;
         for _ in 0..2000 {
-            retreat = retreat.next(&VALUES, Some(&at_rest()), true);
+            retreat = retreat.next(&VALUES, Some(&observed), true);
             lifted_ticks += u32::from(retreat.lifts_to_pa().is_some());
         }
         assert_eq!(lifted_ticks, 3 * 249);
-        let retreat = rested(RETREAT_RESTS_TICKS, |_| {}, true);
-        let retreat = retreat.next(&VALUES, Some(&at_rest()), false);
-        assert_eq!(retreat.lifts_to_pa(), None);
+        let retreat = rested(RETREAT_RESTS_TICKS, LIMB_M, |_| {}, true);
+        let on_stop = Observed {
+            motion: Motion {
+                contraction: 0.01,
+                ..observed.motion
+            },
+            ..observed
+        };
+        for ended in [
+            retreat.next(&VALUES, Some(&observed), false),
+            retreat.next(&VALUES, Some(&on_stop), true),
+            retreat.next(&VALUES, None, true),
+        ] {
+            assert_eq!(ended.lifts_to_pa(), None);
+        }
     }
 
     #[test]

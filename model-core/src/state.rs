@@ -43,12 +43,12 @@ pub struct State {
     /// See `window_ticks`.
     pub window_sum_n: f32,
     /// The encoder's count when it last moved by more than flicker, and the pressure \[Pa\]: as
-    /// read, and as a sound valve can have made it.
+    /// read, and limited to what a sound valve makes.
     pub moved_to: EncoderCount,
     /// See `moved_to`.
     pub moved_at_pa: f32,
     /// See `moved_to`.
-    pub moved_at_made_pa: f32,
+    pub moved_at_valve_pa: f32,
     /// P_r \[Pa\] that an experiment requested last, and ticks since then (the count saturates).
     pub played_pa: f32,
     /// See `played_pa`.
@@ -150,7 +150,7 @@ pub(crate) fn within_pa<T: Number>(pressure_pa: T, most_pa: T) -> T {
 /// Words of the settings, and of the state at most.
 const SETTINGS_WORDS: usize = 49;
 /// See [`SETTINGS_WORDS`].
-const STATE_WORDS: usize = 67;
+const STATE_WORDS: usize = 70;
 
 /// Settings and state, each in several copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -406,6 +406,10 @@ fn a_frozen_encoder_is_detected_by_the_pressure() {
     }
     let found = fault_of(&mut bench, pull_harder).map(|(fault, _)| fault);
     assert_eq!(found, Some(Fault::Encoder(Doubt::Stuck)));
+    // As soon as the muscle pulls with four fifths of the weight, and in four ticks more.
+    let muscle = &bench.controller.settings().muscle;
+    let force_n = muscle.force_n(bench.contraction, GaugePa(bench.pressure_pa));
+    assert!((94.0..120.0).contains(&force_n), "{force_n} N");
 }
 
 #[test]
@@ -970,13 +974,36 @@ fn weight_that_is_let_down_on_a_limb_is_lifted_off_it() {
     }
 }
 
-/// Later than with it, within the 3.4 s in which what is clamped has to be free.
+/// With one that has failed, or is off, later than with a right one, and within the 3.4 s in which
+/// what is clamped has to be free.
 #[test]
 fn a_retreat_needs_no_pressure_sensor() {
-    let contractions = let_down_on(75e3, |bench| bench.pressure_pa = -1e5);
-    let (contact_ticks, highest) = contact_and_retreat(&contractions);
-    assert!(contact_ticks <= 340, "{contact_ticks} ticks");
-    assert!(highest > 0.1 && highest < 0.1 + 0.015 / 0.3, "{highest}");
+    let wrong: [fn(&mut Bench); 3] = [
+        |bench| bench.pressure_pa = -1e5,
+        |bench| bench.pressure_pa += 3e4,
+        |bench| bench.pressure_pa -= 3e4,
+    ];
+    for change in wrong {
+        let (contact_ticks, highest) = contact_and_retreat(&let_down_on(75e3, change));
+        assert!(contact_ticks <= 340, "{contact_ticks} ticks");
+        assert!(highest > 0.1 && highest < 0.1 + 0.015 / 0.3, "{highest}");
+    }
+}
+
+/// A valve that keeps the pressure: the weight hangs. Another reason is latched already.
+#[test]
+fn nothing_retreats_with_a_valve_that_is_stuck_and_the_port_closes() {
+    let mut bench = lifted();
+    let mut sensors = bench.sensors();
+    sensors.missed_ticks = 9;
+    assert_eq!(bench.tick_with(&sensors).fault, Some(Fault::MissedTicks));
+    let mut before_pa = f32::MAX;
+    for _ in 0..600 {
+        let reference_pa = bench.tick().pressure_ref.0;
+        assert!(reference_pa <= before_pa);
+        before_pa = reference_pa;
+    }
+    assert!(!bench.controller.state().port_open);
 }
 
 /// An encoder that stands still is no limb; and nothing rises by an encoder that has failed.

@@ -153,6 +153,7 @@ impl AblatedController {
             Some(SafetyFunction::SensorStuck) => {
                 limits.stuck_ticks = 0;
                 limits.encoder_stuck_pa = f32::INFINITY;
+                limits.encoder_held_n = f32::INFINITY;
             }
             _ => {}
         }

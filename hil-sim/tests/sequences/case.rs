@@ -340,6 +340,8 @@ impl Case {
             free_s: None,
             missed: 0,
             read_back: AdcCount::default(),
+            lost_m: 0.0,
+            travelled_m: 0.0,
             port_pulse: false,
             pulsed_s: 0.0,
             mode: Mode::SelfCheck,
@@ -388,6 +390,9 @@ struct Running<'a, U> {
     missed: u8,
     /// The DAC's voltage since the last tick.
     read_back: AdcCount,
+    /// Travel that the encoder has lost, and the travel at the last tick \[m\].
+    lost_m: f64,
+    travelled_m: f64,
     /// The last level for the valve in the port, and since when it is that.
     port_pulse: bool,
     pulsed_s: f64,
@@ -504,6 +509,7 @@ impl<U: Unit> Running<'_, U> {
         let (mut gauge_n, mut pressure_pa) = (hand_n + 0.02 * normal[0], reading.pressure.0);
         pressure_pa += 250.0 * normal[1];
         let mut travel_m = reading.contraction * length_m;
+        let moved_m = travel_m - std::mem::replace(&mut self.travelled_m, travel_m);
         for (what, since_s) in case.happens(time_s) {
             match *what {
                 What::GaugeZero(n) => gauge_n += n,
@@ -514,9 +520,11 @@ impl<U: Unit> Running<'_, U> {
                 What::GaugeOpens(n_per_s) => gauge_n += n_per_s * since_s,
                 What::PressureZero(pa) => pressure_pa += pa,
                 What::EncoderJump(m) => travel_m += m,
+                What::EncoderLoses(share) => self.lost_m += share * moved_m,
                 _ => {}
             }
         }
+        travel_m -= self.lost_m;
         let encoder = (travel_m / f64::from(self.values.encoder_m_per_count)).round() as i64;
         let mut read = (
             self.values.bridge.count(gauge_n as f32),

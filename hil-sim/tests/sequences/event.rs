@@ -41,6 +41,8 @@ pub enum What {
     EncoderFrozen,
     /// The encoder jumps by this \[m\].
     EncoderJump(f64),
+    /// The encoder loses this share of its counts. Scenarios have it, random cases do not.
+    EncoderLoses(f64),
     /// Every n-th tick is missed.
     TicksHalting(u32),
     /// Every n-th tick is left. Scenarios have it, random cases do not.

@@ -11,8 +11,9 @@ mod scenario;
 
 use body::{CONTROLLED_M_PER_S, FOOT};
 use case::Case;
+use event::{Event, What};
 use hil_sim::faults::ablation::SafetyFunction;
-use run::{Ran, is_controlled, kept, most, run, run_all, tally};
+use run::{Draw, Ran, is_controlled, kept, most, run, run_all, tally};
 use scenario::{needed, of_scenario, scenarios};
 use std::time::Instant;
 
@@ -110,6 +111,46 @@ fn a_foot_is_met_with_no_more_than_it_may_be() {
             "seed, force, events: {told:#?}"
         );
     }
+}
+
+/// An encoder that loses counts on the way down shows a weight above its stop that is on it. What
+/// it shows of a lift is too little then, which matters if it has lost most.
+#[test]
+fn an_encoder_that_loses_counts_lifts_no_further_than_it_may() {
+    const MOST: f64 = 0.8;
+    let case = |draw: Draw, share, lowered_m, seed| {
+        let event = |what, from_s| Event {
+            what,
+            during_s: from_s..9.8,
+        };
+        let events = vec![
+            event(What::Pushes(lowered_m), 1.5),
+            event(What::EncoderLoses(share), 3.0),
+            event(What::LetsGo, 3.0),
+        ];
+        let mut case = Case::with(draw(seed).nominal, events, seed);
+        case.enabling = true;
+        case
+    };
+    let mut with_most = 0;
+    for draw in [Case::new, Case::on_another_rig] {
+        for share in [0.05, 0.1, 0.2, 0.3, 0.5, MOST, 1.0] {
+            for lowered_m in [0.02, 0.05, 0.1] {
+                for seed in 0..8 {
+                    let case = case(draw, share, lowered_m, seed);
+                    let outcome = run(&case, None);
+                    if kept(&case, &outcome).is_empty() {
+                        continue;
+                    }
+                    let millimetres = 1e3 * outcome.unasked_m;
+                    println!("{share}, {lowered_m} m, {seed}: {millimetres:.0} mm");
+                    assert!(share == MOST, "{outcome:?}");
+                    with_most += 1;
+                }
+            }
+        }
+    }
+    assert!(with_most <= 2, "{with_most} of 48");
 }
 
 /// A lever that is shaken with the weight's own frequency drives the weight up to 0.72 m/s within
