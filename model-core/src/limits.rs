@@ -94,11 +94,12 @@ supervisor_limits! {
     RETREAT_CLEARS_M: f32 = 1e-3, "m",
         "Height of a retreat above what carries the weight.";
     RETREAT_M: f32 = 0.006, "m",
-        "Height above that, up to which friction and hysteresis may hold the weight back (24 N over \
-         the muscle's 4 N/mm): no reference for more. With an encoder that has jumped by 15 mm, \
-         which its step limit lets pass, 23 mm: in 25 mm no finger is crushed (ISO 13854).";
+        "Height above that, up to which friction and hysteresis may hold the weight back (24 N \
+         over the muscle's 4 N/mm): no reference for more. With an encoder that has jumped by \
+         15 mm, which its step limit lets pass, 23 mm: in 25 mm no finger is crushed (ISO 13854).";
     RETREAT_TICKS: u8 = 250, "tick",
-        "Time of a retreat: about a second to rise at the ramp's rate, the rest to draw a limb away.";
+        "Time of a retreat: half a second to a second to rise at the ramp's rate, the rest to draw \
+         a limb away.";
     RETREATS_MAX: u8 = 3, "1",
         "Retreats after a self-check: what is still below then is no limb.";
 

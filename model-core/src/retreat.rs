@@ -101,8 +101,8 @@ pub fn may_retreat(mode: Mode, fault: Option<Fault>) -> bool {
 
 impl Retreat {
     /// One tick later, with what it knows, if anything; `is_allowed` if [`may_retreat`] and the
-    /// encoder is not in doubt. A retreat ends when it is no longer allowed, or the weight is on its
-    /// stop.
+    /// encoder is not in doubt. A retreat ends when it is no longer allowed, or the weight is on
+    /// its stop.
     pub fn next(
         mut self,
         values: &SettingsValues,

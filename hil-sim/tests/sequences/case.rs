@@ -508,8 +508,7 @@ impl<U: Unit> Running<'_, U> {
         let normal: [f64; 2] = [(); 2].map(|()| StandardNormal.sample(&mut self.random));
         let (mut gauge_n, mut pressure_pa) = (hand_n + 0.02 * normal[0], reading.pressure.0);
         pressure_pa += 250.0 * normal[1];
-        let mut travel_m = reading.contraction * length_m;
-        let moved_m = travel_m - std::mem::replace(&mut self.travelled_m, travel_m);
+        let travel_m = self.read_travel_m(time_s, reading.contraction * length_m);
         for (what, since_s) in case.happens(time_s) {
             match *what {
                 What::GaugeZero(n) => gauge_n += n,
@@ -519,12 +518,9 @@ impl<U: Unit> Running<'_, U> {
                 What::GaugeRipple(n, hz) => gauge_n += n * mean_sine(hz, time_s),
                 What::GaugeOpens(n_per_s) => gauge_n += n_per_s * since_s,
                 What::PressureZero(pa) => pressure_pa += pa,
-                What::EncoderJump(m) => travel_m += m,
-                What::EncoderLoses(share) => self.lost_m += share * moved_m,
                 _ => {}
             }
         }
-        travel_m -= self.lost_m;
         let encoder = (travel_m / f64::from(self.values.encoder_m_per_count)).round() as i64;
         let mut read = (
             self.values.bridge.count(gauge_n as f32),
@@ -567,6 +563,20 @@ impl<U: Unit> Running<'_, U> {
             stop_open: [case.happens(time_s).any(|(what, _)| *what == What::Stops); 2],
             ..Pins::default()
         }
+    }
+
+    /// What the encoder makes of a travel.
+    fn read_travel_m(&mut self, time_s: f64, travel_m: f64) -> f64 {
+        let moved_m = travel_m - std::mem::replace(&mut self.travelled_m, travel_m);
+        let mut read_m = travel_m;
+        for (what, _) in self.case.happens(time_s) {
+            match *what {
+                What::EncoderJump(m) => read_m += m,
+                What::EncoderLoses(share) => self.lost_m += share * moved_m,
+                _ => {}
+            }
+        }
+        read_m - self.lost_m
     }
 
     fn record(&mut self, time_s: f64, step_s: f64) {

@@ -89,7 +89,7 @@ fn other_rigs_stay_within_the_bounds_too() {
 }
 
 /// Also on a rig without an enabling device, on which it does not depend; and with a frozen
-/// encoder, which tells no speed until it is found: one of the cases on each set of rigs.
+/// encoder, which tells no speed until it is found, but for one of the cases on other rigs.
 #[test]
 fn a_foot_is_met_with_no_more_than_it_may_be() {
     for draw in [Case::new, Case::on_another_rig] {
