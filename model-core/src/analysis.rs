@@ -8,7 +8,6 @@ use crate::limits::{
 };
 use crate::number::Number;
 use crate::plausibility::{Bounds, SensorMonitor, SensorStatus};
-use crate::pressure::GaugePa;
 use crate::retreat::{Observed, Retreat, may_retreat};
 use crate::settings::SettingsValues;
 use crate::signal::AdcCount;
@@ -185,14 +184,17 @@ fn stands_still(
     if contraction < STOP_CONTRACTION || !state.follower.is_calm() {
         return false;
     }
-    let area_m2 = libm::fabsf(muscle.force_per_pressure_m2(contraction));
-    let held_n = (limits.encoder_stuck_pa * area_m2).at_most(limits.encoder_held_n);
-    let force_n = |pressure_pa| {
-        let force_n = muscle.force_n(contraction, GaugePa(pressure_pa));
-        force_n.at_least(0.0)
+    let area_m2 = muscle.force_per_pressure_m2(contraction);
+    // Below this pressure the muscle does not pull.
+    let least_pa = -muscle.gamma_n / area_m2;
+    let held_pa = limits
+        .encoder_stuck_pa
+        .at_most(limits.encoder_held_n / area_m2);
+    let has_changed = |from_pa: f32, to_pa: f32| {
+        libm::fabsf(to_pa.at_least(least_pa) - from_pa.at_least(least_pa)) > held_pa
     };
-    let has_changed = |from_pa, to_pa| libm::fabsf(force_n(to_pa) - force_n(from_pa)) > held_n;
-    has_changed(state.moved_at_pa, pressure_pa)
+    area_m2 > 0.0
+        && has_changed(state.moved_at_pa, pressure_pa)
         && has_changed(state.moved_at_valve_pa, valve_pa(state, pressure_pa))
 }
 

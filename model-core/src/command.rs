@@ -154,7 +154,10 @@ fn next_reference_pa(values: &SettingsValues, state: &mut State, target: &Target
         Mode::Holding => now_pa,
         Mode::Venting => {
             let slow_pa_per_s = rate_pa_per_s_max.at_most(values.vent_rate_pa_per_s);
-            match state.retreat.lifts_to_pa() {
+            match state
+                .retreat
+                .lifts_to_pa(values, target.contraction, now_pa)
+            {
                 Some(pressure_pa) => {
                     now_pa + limited(change_pa(pressure_pa), slow_pa_per_s * TICK_S)
                 }

@@ -91,10 +91,11 @@ supervisor_limits! {
          stiffer than a skull, to 10 N/mm, softer than a chest (ISO/TS 15066, table A.3).";
     RETREAT_RESTS_TICKS: u8 = 15, "tick",
         "Time for which it has rested then: at a turning point it does so for a tick or two.";
-    RETREAT_CLEARS_M: f32 = 1e-3, "m",
-        "Height of a retreat above what carries the weight.";
-    RETREAT_M: f32 = 0.006, "m",
-        "Height above that, up to which friction and hysteresis may hold the weight back (24 N \
+    RETREAT_CLEARS_M: f32 = 3e-3, "m",
+        "Height of a retreat above where the muscle carried half of the weight: the other half has \
+         pressed in a chest by 2.4 mm.";
+    RETREAT_M: f32 = 5e-3, "m",
+        "Height above that, up to which friction and hysteresis may hold the weight back (20 N \
          over the muscle's 4 N/mm): no reference for more. With an encoder that has jumped by \
          15 mm, which its step limit lets pass, 23 mm: in 25 mm no finger is crushed (ISO 13854).";
     RETREAT_TICKS: u8 = 250, "tick",

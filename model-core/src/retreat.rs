@@ -30,10 +30,6 @@ pub struct Retreat {
     /// Ticks of all retreats up to now: one is going on unless they are a multiple of
     /// [`RETREAT_TICKS`].
     ticks: u16,
-    /// ε \[-\] to which the weight is lifted: just above what carries it.
-    lifts_to: f32,
-    /// P_r \[Pa\] that this tick may reach.
-    lifts_pa: f32,
 }
 
 /// Ticks of all retreats.
@@ -114,7 +110,7 @@ impl Retreat {
             self.end();
             return self;
         };
-        if now.carries(values, RETREAT_CARRIED) {
+        if now.carries(values, RETREAT_CARRIED) && !self.is_going_on() {
             self.carried_at = now.motion.contraction;
         }
         if now.carries(values, RETREAT_LET_GO) {
@@ -127,16 +123,9 @@ impl Retreat {
         };
         if !is_allowed || !now.motion.is_off_stop() {
             self.end();
-        } else if self.is_going_on() {
+        } else if self.is_going_on() || self.rests_on_something() && self.ticks < TICKS_MAX {
             self.ticks = self.ticks.saturating_add(1);
-        } else if self.rests_on_something() && self.ticks < TICKS_MAX {
-            self.ticks = self.ticks.saturating_add(1);
-            // What half of the weight has pressed in, the other half has, too.
-            let sunk = 2.0 * (self.carried_at - now.motion.contraction);
-            let clear = RETREAT_CLEARS_M / values.muscle.initial_length_m;
-            self.lifts_to = now.motion.contraction + sunk + clear;
         }
-        self.lifts_pa = self.next_pa(values, now);
         self
     }
 
@@ -148,20 +137,6 @@ impl Retreat {
         RETREAT_GIVES_WAY_M.contains(&sunk_m(self.carried_at)) && sunk_m(self.let_go_at) > flicker_m
     }
 
-    /// P_r \[Pa\] of a tick that lifts: no higher than friction and hysteresis may hold the weight
-    /// back, and than it is once the encoder shows that nothing else carries the weight.
-    fn next_pa(&self, values: &SettingsValues, now: &Observed) -> f32 {
-        let muscle = &values.muscle;
-        let highest = self.lifts_to + RETREAT_M / muscle.initial_length_m;
-        let (most, most_pa) = (values.contraction_max, GaugePa(values.pressure_pa_max));
-        let highest_pa = reference_pressure(muscle, weight_n(values), highest, most, most_pa);
-        if now.motion.contraction >= self.lifts_to {
-            highest_pa.0.at_most(now.reference_pa)
-        } else {
-            highest_pa.0
-        }
-    }
-
     /// True if the weight has rested on something for a while.
     pub fn rests_on_something(&self) -> bool {
         self.rests_ticks >= RETREAT_RESTS_TICKS
@@ -171,9 +146,27 @@ impl Retreat {
         !self.ticks.is_multiple_of(RETREAT_TICKS.into())
     }
 
-    /// P_r \[Pa\] towards which it moves in a retreat.
-    pub fn lifts_to_pa(&self) -> Option<f32> {
-        self.is_going_on().then_some(self.lifts_pa)
+    /// P_r \[Pa\] towards which it moves in a retreat, from `now_pa` at ε = `contraction`: no higher
+    /// than friction and hysteresis may hold the weight back, and no higher than it is once the
+    /// encoder shows that nothing else carries the weight.
+    pub fn lifts_to_pa(
+        &self,
+        values: &SettingsValues,
+        contraction: f32,
+        now_pa: f32,
+    ) -> Option<f32> {
+        let muscle = &values.muscle;
+        let clear = self.carried_at + RETREAT_CLEARS_M / muscle.initial_length_m;
+        let highest = clear + RETREAT_M / muscle.initial_length_m;
+        let most_pa = if contraction >= clear {
+            now_pa
+        } else {
+            values.pressure_pa_max
+        };
+        self.is_going_on().then(|| {
+            let (most, most_pa) = (values.contraction_max, GaugePa(most_pa));
+            reference_pressure(muscle, weight_n(values), highest, most, most_pa).0
+        })
     }
 
     /// Ends a retreat.
@@ -230,9 +223,9 @@ mod tests {
     fn what_rests_on_a_limb_for_a_while_is_lifted() {
         let nothing = |_: &mut Observed| {};
         let before = rested(RETREAT_RESTS_TICKS - 1, LIMB_M, nothing, true);
-        assert_eq!(before.lifts_to_pa(), None);
+        assert!(!before.is_going_on());
         let begun = rested(RETREAT_RESTS_TICKS, LIMB_M, nothing, true);
-        assert!(begun.lifts_to_pa().is_some());
+        assert!(begun.is_going_on());
     }
 
     /// A foot clamped with 59 N, which no balance of forces with a tolerance of 105 N tells.
@@ -246,7 +239,7 @@ mod tests {
         let rested = (0..RETREAT_RESTS_TICKS).fold(carried, |retreat, _| {
             retreat.next(&values, Some(&observed), true)
         });
-        assert!(rested.lifts_to_pa().is_some());
+        assert!(rested.is_going_on());
     }
 
     /// To where the muscle carries the weight 6 mm higher, or as high as the encoder shows.
@@ -255,17 +248,14 @@ mod tests {
         let begun = rested(RETREAT_RESTS_TICKS, LIMB_M, |_| {}, true);
         let (_, on_limb) = on_limb(&VALUES, LIMB_M);
         let length_m = VALUES.muscle.initial_length_m;
-        let clear = 0.1 + (LIMB_M + RETREAT_CLEARS_M) / length_m;
+        let clear = 0.1 + RETREAT_CLEARS_M / length_m;
         let highest_pa = carrying_pa(&VALUES, clear + RETREAT_M / length_m, 1.0);
         for (contraction, expected_pa) in [
             (on_limb.motion.contraction, highest_pa),
             (clear - 1e-4, highest_pa),
             (clear + 1e-4, 1.5e5),
         ] {
-            let mut now = on_limb;
-            now.motion.contraction = contraction;
-            now.reference_pa = 1.5e5;
-            let next_pa = begun.next(&VALUES, Some(&now), true).lifts_to_pa();
+            let next_pa = begun.lifts_to_pa(&VALUES, contraction, 1.5e5);
             let next_pa = next_pa.expect("a retreat");
             assert!(
                 (next_pa - expected_pa).abs() < 10.0,
@@ -327,7 +317,7 @@ mod tests {
         ];
         for (what, sunk_m, change, is_allowed) in none {
             let rested = rested(40, sunk_m, change, is_allowed);
-            assert_eq!(rested.lifts_to_pa(), None, "{what}");
+            assert!(!rested.is_going_on(), "{what}");
         }
     }
 
@@ -338,7 +328,7 @@ mod tests {
         let mut lifted_ticks = 0;
         for _ in 0..2000 {
             retreat = retreat.next(&VALUES, Some(&observed), true);
-            lifted_ticks += u32::from(retreat.lifts_to_pa().is_some());
+            lifted_ticks += u32::from(retreat.is_going_on());
         }
         assert_eq!(lifted_ticks, 3 * 249);
         let retreat = rested(RETREAT_RESTS_TICKS, LIMB_M, |_| {}, true);
@@ -354,7 +344,7 @@ mod tests {
             retreat.next(&VALUES, Some(&on_stop), true),
             retreat.next(&VALUES, None, true),
         ] {
-            assert_eq!(ended.lifts_to_pa(), None);
+            assert!(!ended.is_going_on());
         }
     }
 

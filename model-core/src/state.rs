@@ -150,7 +150,7 @@ pub(crate) fn within_pa<T: Number>(pressure_pa: T, most_pa: T) -> T {
 /// Words of the settings, and of the state at most.
 const SETTINGS_WORDS: usize = 49;
 /// See [`SETTINGS_WORDS`].
-const STATE_WORDS: usize = 70;
+const STATE_WORDS: usize = 68;
 
 /// Settings and state, each in several copies: flipped bits are outvoted and detected.
 #[derive(Clone, Copy, Debug, PartialEq)]
