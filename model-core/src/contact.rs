@@ -74,7 +74,8 @@ impl Motion {
     }
 }
 
-/// Speed up to which a weight rests \[m/s\]; what a coarse encoder's flicker looks like is rest, too.
+/// Speed up to which a weight rests \[m/s\]; what a coarse encoder's flicker looks like is rest,
+/// too.
 fn resting_m_per_s(values: &SettingsValues) -> f32 {
     let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
     LIMB_RESTING_M_PER_S.at_least(flicker_m / (2.0 * TICK_S))

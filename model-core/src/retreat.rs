@@ -146,9 +146,9 @@ impl Retreat {
         !self.ticks.is_multiple_of(RETREAT_TICKS.into())
     }
 
-    /// P_r \[Pa\] towards which it moves in a retreat, from `now_pa` at ε = `contraction`: no higher
-    /// than friction and hysteresis may hold the weight back, and no higher than it is once the
-    /// encoder shows that nothing else carries the weight.
+    /// P_r \[Pa\] towards which it moves in a retreat, from `now_pa` at ε = `contraction`: no
+    /// higher than friction and hysteresis may hold the weight back, and no higher than it is once
+    /// the encoder shows that nothing else carries the weight.
     pub fn lifts_to_pa(
         &self,
         values: &SettingsValues,
