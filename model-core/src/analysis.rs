@@ -275,8 +275,9 @@ fn is_pressure_known(state: &State, status: SensorStatus) -> bool {
     status == SensorStatus::Good && !matches!(state.fault, Some(Fault::Pressure(_)))
 }
 
-/// The pressure that the muscle may have at most \[Pa\]: on the ramp down that of the slowest
-/// valve, if the sensor tells no less, as it may be off; otherwise what the sensor tells, too.
+/// The pressure that the muscle may have at most \[Pa\]: on the ramp down what the sensor tells,
+/// limited to what a sound valve makes, as it may be off, and without a sensor that of the slowest
+/// valve; otherwise what the sensor tells, too.
 fn most_pa(state: &State, status: SensorStatus) -> f32 {
     let read_pa = if is_pressure_known(state, status) {
         state.pressure.value()

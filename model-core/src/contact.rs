@@ -74,11 +74,15 @@ impl Motion {
     }
 }
 
+/// Way that an encoder shows at rest \[m\]. Its counts may fall as the muscle contracts.
+pub(crate) fn flicker_m(values: &SettingsValues) -> f32 {
+    FLICKER_COUNTS as f32 * libm::fabsf(values.encoder_m_per_count)
+}
+
 /// Speed up to which a weight rests \[m/s\]; what a coarse encoder's flicker looks like is rest,
 /// too.
 fn resting_m_per_s(values: &SettingsValues) -> f32 {
-    let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
-    LIMB_RESTING_M_PER_S.at_least(flicker_m / (2.0 * TICK_S))
+    LIMB_RESTING_M_PER_S.at_least(flicker_m(values) / (2.0 * TICK_S))
 }
 
 #[cfg(test)]

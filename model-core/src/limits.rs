@@ -68,7 +68,7 @@ supervisor_limits! {
         "Speed up to which the weight rests, so that the reference may go on: on a limb of 75 N/mm \
          the ramp moves it by 5 mm/s, and the encoder's flicker is 1.3 mm/s.";
 
-    ENCODER_HELD: (f32, f32) = (0.8, 0.5), "1",
+    ENCODER_HELD: (f32, f32) = (0.8, 0.75), "1",
         "Largest change of the muscle's force without a count from the encoder, as a share of the \
          weight, which it is at most while the weight is let down, and at least of \
          `force_error_n_max`, as friction and hysteresis may hold that. `encoder_stuck_pa` may be \

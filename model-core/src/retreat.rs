@@ -5,9 +5,9 @@
 //! the same.
 
 use crate::constants::GRAVITY_M_PER_S2;
-use crate::contact::Motion;
+use crate::contact::{Motion, flicker_m};
 use crate::limits::{
-    FLICKER_COUNTS, RETREAT_CARRIED, RETREAT_CLEARS_M, RETREAT_GIVES_WAY_M, RETREAT_LACKING,
+    RETREAT_CARRIED, RETREAT_CLEARS_M, RETREAT_GIVES_WAY_M, RETREAT_LACKING,
     RETREAT_LACKING_TOLERANCE, RETREAT_LET_GO, RETREAT_M, RETREAT_RESTS_TICKS, RETREAT_TICKS,
     RETREATS_MAX,
 };
@@ -97,8 +97,8 @@ pub fn may_retreat(mode: Mode, fault: Option<Fault>) -> bool {
 
 impl Retreat {
     /// One tick later, with what it knows, if anything; `is_allowed` if [`may_retreat`] and the
-    /// encoder is not in doubt. A retreat ends when it is no longer allowed, or the weight is on
-    /// its stop.
+    /// encoder is not in doubt. A retreat ends, for good, when it is no longer allowed, or the
+    /// weight is on its stop.
     pub fn next(
         mut self,
         values: &SettingsValues,
@@ -133,8 +133,8 @@ impl Retreat {
     /// shows no such way, one that loses counts a longer one, or one that ends with a stop.
     fn gives_way(&self, values: &SettingsValues, now: &Observed) -> bool {
         let sunk_m = |from: f32| values.muscle.initial_length_m * (from - now.motion.contraction);
-        let flicker_m = FLICKER_COUNTS as f32 * values.encoder_m_per_count;
-        RETREAT_GIVES_WAY_M.contains(&sunk_m(self.carried_at)) && sunk_m(self.let_go_at) > flicker_m
+        RETREAT_GIVES_WAY_M.contains(&sunk_m(self.carried_at))
+            && sunk_m(self.let_go_at) > flicker_m(values)
     }
 
     /// True if the weight has rested on something for a while.
@@ -242,7 +242,33 @@ mod tests {
         assert!(rested.is_going_on());
     }
 
-    /// To where the muscle carries the weight 6 mm higher, or as high as the encoder shows.
+    /// An encoder that freezes after the weight has begun to press, whichever way it counts, or that
+    /// shows a stop: the weight does not sink to the end.
+    #[test]
+    fn what_does_not_sink_to_the_end_is_no_limb() {
+        let counts = VALUES.encoder_m_per_count;
+        for encoder_m_per_count in [counts, -counts] {
+            let values = SettingsValues {
+                encoder_m_per_count,
+                ..VALUES
+            };
+            let lifts = |frozen_share: f32| {
+                let (carried, mut observed) = on_limb(&values, 1e-3);
+                let last_pa = observed.pressure_pa;
+                observed.reference_pa = carrying_pa(&values, 0.1, frozen_share);
+                observed.pressure_pa = observed.reference_pa;
+                let begun = carried.next(&values, Some(&observed), true);
+                (observed.reference_pa, observed.pressure_pa) = (last_pa, last_pa);
+                let rested = (0..40).fold(begun, |retreat, _| {
+                    retreat.next(&values, Some(&observed), true)
+                });
+                rested.is_going_on()
+            };
+            assert!(!lifts(0.3) && lifts(0.1), "{encoder_m_per_count}");
+        }
+    }
+
+    /// To where the muscle carries the weight 8 mm higher, or as high as the encoder shows.
     #[test]
     fn a_lift_ends_by_the_encoder() {
         let begun = rested(RETREAT_RESTS_TICKS, LIMB_M, |_| {}, true);

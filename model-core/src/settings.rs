@@ -78,7 +78,8 @@ pub struct SettingsValues {
     pub pressure_step_pa_max: f32,
     /// Largest travel in a tick \[m\].
     pub encoder_step_m_max: f32,
-    /// A pressure change without a count from the encoder, off the stop, that is a fault \[Pa\].
+    /// A pressure change without a count from the encoder, off the stop, that is a fault \[Pa\]; at
+    /// most one of a force that moves the weight ([`ENCODER_HELD`](crate::limits::ENCODER_HELD)).
     pub encoder_stuck_pa: f32,
     /// M: the weight on the muscle \[kg\].
     pub load_kg: f32,
