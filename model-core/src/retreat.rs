@@ -242,8 +242,8 @@ mod tests {
         assert!(rested.is_going_on());
     }
 
-    /// An encoder that freezes after the weight has begun to press, whichever way it counts, or that
-    /// shows a stop: the weight does not sink to the end.
+    /// An encoder that freezes after the weight has begun to press, whichever way it counts, or
+    /// that shows a stop: the weight does not sink to the end.
     #[test]
     fn what_does_not_sink_to_the_end_is_no_limb() {
         let counts = VALUES.encoder_m_per_count;

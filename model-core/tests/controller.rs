@@ -958,8 +958,8 @@ fn contact_and_retreat(contractions: &[f32]) -> (usize, f32) {
 }
 
 /// A limb is free again in 1.1 s: the ramp of 200 kPa/s takes 56 kPa to put nine tenths of the
-/// weight on it, where it rests for 0.15 s; by then they are 90 kPa, which it takes as long to bring
-/// back. From a chest to a skull: ISO/TS 15066, table A.3.
+/// weight on it, where it rests for 0.15 s; by then they are 90 kPa, which it takes as long to
+/// bring back. From a chest to a skull: ISO/TS 15066, table A.3.
 #[test]
 fn weight_that_is_let_down_on_a_limb_is_lifted_off_it() {
     for stiffness_n_per_m in [25e3, 75e3, 150e3] {
