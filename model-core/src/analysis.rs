@@ -1,7 +1,6 @@
 //! Analysis of a tick's sensors: which readings are plausible, whether they are consistent, and
 //! what the supervisor has to know. It has no effect but on the state that it returns.
 
-use crate::constants::GRAVITY_M_PER_S2;
 use crate::io::{Request, Sensors};
 use crate::limits::{
     ADC_VALID, EMPTIED_TICKS, ENCODER_HELD, FLICKER_COUNTS, PRESSURE_PA_MIN, STOP_CONTRACTION,
@@ -43,7 +42,6 @@ impl ReadingLimits {
     /// The limits that follow from a rig's settings.
     pub fn new(values: &SettingsValues) -> ReadingLimits {
         let (of_weight, of_tolerance) = ENCODER_HELD;
-        let weight_n = values.load_kg * GRAVITY_M_PER_S2 as f32;
         ReadingLimits {
             adc_valid: ADC_VALID,
             pressure_pa_min: PRESSURE_PA_MIN,
@@ -53,7 +51,7 @@ impl ReadingLimits {
             encoder_step_m_max: values.encoder_step_m_max,
             stuck_ticks: values.stuck_ticks,
             encoder_stuck_pa: values.encoder_stuck_pa,
-            encoder_held_n: (of_weight * weight_n)
+            encoder_held_n: (of_weight * values.weight_n())
                 .at_least(of_tolerance * values.force_error_n_max),
         }
     }
@@ -76,6 +74,7 @@ pub fn analyse(
     };
     check_voltage(values, &mut next, sensors);
     check_consistency(values, &mut next, sensors);
+    check_port(values, &mut next, &statuses);
     check_retreat(values, &mut next, &statuses);
     next.missed
         .add_ticks(sensors.missed_ticks.into(), missed_limit(values));
@@ -291,8 +290,17 @@ fn most_pa(state: &State, status: SensorStatus) -> f32 {
     }
 }
 
-/// Begins a retreat, or ends one. Closes the port's valve if the pressure does not obey the valve,
-/// whatever the reason is that was latched before.
+/// Closes the port's valve on the ramp down if the pressure does not obey the valve, whatever the
+/// reason is that was latched before.
+fn check_port(values: &SettingsValues, next: &mut State, statuses: &Statuses) {
+    let [_, pressure, _] = *statuses;
+    let is_astray = next.follower.has_failed(values) && is_pressure_known(next, pressure);
+    if next.mode == Mode::Venting && is_astray {
+        next.port_open = false;
+    }
+}
+
+/// Begins a retreat, or ends one.
 fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses) {
     if matches!(next.mode, Mode::SelfCheck | Mode::Ready) {
         // Nothing was lifted yet.
@@ -300,10 +308,6 @@ fn check_retreat(values: &SettingsValues, next: &mut State, statuses: &Statuses)
         return;
     }
     let [_, pressure, encoder] = *statuses;
-    let is_astray = next.follower.has_failed(values) && is_pressure_known(next, pressure);
-    if next.mode == Mode::Venting && is_astray {
-        next.port_open = false;
-    }
     let observed = next.balance.motion().map(|motion| Observed {
         motion,
         acceleration_m_per_s2: next.balance.acceleration_m_per_s2(),

@@ -2,7 +2,7 @@
 //! follows, within its limits.
 
 use crate::assist::reference_force_n;
-use crate::constants::{GRAVITY_M_PER_S2, TICK_S};
+use crate::constants::TICK_S;
 use crate::contact::Motion;
 use crate::io::Output;
 use crate::limits::{CATCH_TICKS, DRIVEN_SPEED, EMPTIED_TICKS};
@@ -69,7 +69,7 @@ impl Target {
                 .balance
                 .motion()
                 .filter(|motion| motion.may_meet_limb(values)),
-            balance_n: values.load_kg * GRAVITY_M_PER_S2 as f32 + load_n + hysteresis_n,
+            balance_n: values.weight_n() + load_n + hysteresis_n,
         }
     }
 }

@@ -4,7 +4,6 @@
 //! carries nothing of it, some millimetres below where the muscle last carried it. A shelf looks
 //! the same.
 
-use crate::constants::GRAVITY_M_PER_S2;
 use crate::contact::{Motion, flicker_m};
 use crate::limits::{
     RETREAT_CARRIED, RETREAT_CLEARS_M, RETREAT_GIVES_WAY_M, RETREAT_LACKING,
@@ -60,20 +59,16 @@ impl Observed {
     fn carries(&self, values: &SettingsValues, share: f32) -> bool {
         let inertia_n = values.load_kg * self.acceleration_m_per_s2;
         let force_n = self.force_n(values, self.reference_pa).at_least(0.0);
-        force_n - inertia_n >= share * weight_n(values)
+        force_n - inertia_n >= share * values.weight_n()
     }
 
     /// Whether the weight rests although the muscle carries nothing of it.
     fn is_uncarried(&self, values: &SettingsValues) -> bool {
         let tolerance_n = RETREAT_LACKING_TOLERANCE * values.force_error_n_max;
-        let lacking_n = (RETREAT_LACKING * weight_n(values)).at_least(tolerance_n);
-        let lacks_n = weight_n(values) - self.force_n(values, self.pressure_pa);
+        let lacking_n = (RETREAT_LACKING * values.weight_n()).at_least(tolerance_n);
+        let lacks_n = values.weight_n() - self.force_n(values, self.pressure_pa);
         self.motion.is_off_stop() && self.motion.is_rest(values) && lacks_n >= lacking_n
     }
-}
-
-fn weight_n(values: &SettingsValues) -> f32 {
-    values.load_kg * GRAVITY_M_PER_S2 as f32
 }
 
 /// Whether a weight may be lifted in this mode, after this fault: the encoder is then right, and
@@ -97,8 +92,8 @@ pub fn may_retreat(mode: Mode, fault: Option<Fault>) -> bool {
 
 impl Retreat {
     /// One tick later, with what it knows, if anything; `is_allowed` if [`may_retreat`] and the
-    /// encoder is not in doubt. A retreat ends, for good, when it is no longer allowed, or the
-    /// weight is on its stop.
+    /// encoder is not in doubt. A retreat ends, and counts as one, when it is no longer allowed,
+    /// or the weight is on its stop.
     pub fn next(
         mut self,
         values: &SettingsValues,
@@ -165,7 +160,7 @@ impl Retreat {
         };
         self.is_going_on().then(|| {
             let (most, most_pa) = (values.contraction_max, GaugePa(most_pa));
-            reference_pressure(muscle, weight_n(values), highest, most, most_pa).0
+            reference_pressure(muscle, values.weight_n(), highest, most, most_pa).0
         })
     }
 
@@ -185,7 +180,7 @@ mod tests {
     /// Pressure \[Pa\] with which the muscle carries this share of the weight of these settings.
     fn carrying_pa(values: &SettingsValues, contraction: f32, share: f32) -> f32 {
         let area_m2 = values.muscle.force_per_pressure_m2(contraction);
-        (share * weight_n(values) - values.muscle.gamma_n) / area_m2
+        (share * values.weight_n() - values.muscle.gamma_n) / area_m2
     }
 
     /// A weight of these settings that is carried at ε = 0.1 and then has sunk by so much \[m\] to

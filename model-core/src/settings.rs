@@ -102,6 +102,11 @@ pub struct SettingsValues {
 }
 
 impl SettingsValues {
+    /// M g \[N\]: the weight's force.
+    pub fn weight_n(&self) -> f32 {
+        self.load_kg * GRAVITY_M_PER_S2 as f32
+    }
+
     /// The paper's rig with the electronics of docs/theory.md.
     ///
     /// docs/safety.md derives the values that concern safety. `encoder_stuck_pa`: static friction
@@ -206,7 +211,7 @@ impl SettingsValues {
             (
                 // Otherwise a muscle whose encoder is stuck could pull with any force undetected.
                 self.muscle.force_n(0.0, GaugePa(self.pressure_pa_max))
-                    > self.load_kg * GRAVITY_M_PER_S2 as f32 + self.force_error_n_max,
+                    > self.weight_n() + self.force_error_n_max,
                 "force_error_n_max",
                 "such that the muscle can exceed it above the weight",
             ),
