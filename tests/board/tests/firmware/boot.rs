@@ -39,7 +39,11 @@ fn becomes_ready_and_stays_ready() {
         (Mode::Ready, None)
     );
     assert_eq!(rig.board.resets(), []);
-    assert!(rig.board.is_asleep());
+    // A handler may run just now: none takes 100 µs.
+    assert!((0..10).any(|_| {
+        rig.board.run_for(10_000);
+        rig.board.is_asleep()
+    }));
     rig.assert_no_errors();
 }
 

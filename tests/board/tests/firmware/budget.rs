@@ -1,7 +1,7 @@
 //! Use of the stack and of the tick period; scripts/budget.sh prints the output of this test.
 
 use crate::rig::{MS, Rig};
-use crate::timing::{TickRecord, spread_over_phases, ticks};
+use crate::timing::{HandlerRun, spread_over_phases, ticks};
 use emulated_board::Cost;
 use model_core::compensation::Compensation;
 use model_core::device::{Command, SimulatedSensors};
@@ -105,7 +105,7 @@ struct Longest {
 fn longest(rig: &mut Rig) -> Longest {
     let wait_states = wait_states(rig);
     let ticks = ticks(&rig.board.exceptions());
-    let cycles = |tick: &&TickRecord| tick.cost.cycles(wait_states);
+    let cycles = |tick: &&HandlerRun| tick.cost.cycles(wait_states);
     let slowest = ticks.iter().max_by_key(cycles).expect("ticks");
     Longest {
         instructions: ticks.iter().map(|t| t.instructions).max().expect("ticks"),

@@ -3,8 +3,8 @@
 
 use crate::assist::BoardInTheLoop;
 use crate::rig::{BRIDGE, MS, Rig, TICK_NS, volts};
-use crate::timing::ticks;
-use emulated_board::{ConverterFaults, ExceptionEvent};
+use crate::timing::{HandlerRun, runs, ticks};
+use emulated_board::ConverterFaults;
 use hil_sim::bench::board_settings;
 use hil_sim::bench::closed_loop::{Run, run_in_process};
 use hil_sim::bench::tick::TICK_S;
@@ -214,13 +214,9 @@ fn scan_of_the_bridge_ends_before_the_tick() {
     rig.board.trace_exceptions(true);
     rig.run_ms(1_000);
     let events = rig.board.exceptions();
-    let scans: Vec<_> = events
+    let durations_ns: Vec<u64> = runs(&events, SCAN_EXCEPTION)
         .iter()
-        .filter(|e: &&ExceptionEvent| e.exception == SCAN_EXCEPTION)
-        .collect();
-    let durations_ns: Vec<u64> = scans
-        .chunks_exact(2)
-        .map(|pair| pair[1].time_ns - pair[0].time_ns)
+        .map(|scan| scan.duration_ns)
         .collect();
     let longest_ns = durations_ns.iter().max().expect("scans");
     let share = durations_ns.iter().sum::<u64>() as f64 / 1e9;
@@ -233,7 +229,7 @@ fn scan_of_the_bridge_ends_before_the_tick() {
     );
     assert!((1_590..=1_610).contains(&durations_ns.len()));
     assert!(*longest_ns < SCAN_NS);
-    let grid = |pair: &[crate::timing::TickRecord]| pair[1].time_ns - pair[0].time_ns;
+    let grid = |pair: &[HandlerRun]| pair[1].time_ns - pair[0].time_ns;
     assert!(
         ticks
             .windows(2)

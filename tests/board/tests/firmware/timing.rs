@@ -13,34 +13,44 @@ const TIM3_EGR: u32 = 0x4000_0414;
 /// Exception number of the link's task.
 const LINK_EXCEPTION: usize = 16 + 29;
 
-/// A recorded tick.
-pub struct TickRecord {
-    /// Time of the interrupt entry.
+/// One run of an exception's handler.
+pub struct HandlerRun {
+    /// Time of the entry.
     pub time_ns: u64,
+    /// Time from entry to return.
+    pub duration_ns: u64,
     /// Instructions from entry to return.
     pub instructions: u64,
     /// What they take at most.
     pub cost: Cost,
 }
 
-/// Ticks in `events`, which must start and end outside a tick. Includes what preempts them.
-pub fn ticks(events: &[ExceptionEvent]) -> Vec<TickRecord> {
-    let ticks: Vec<_> = events
+/// Runs of the handler of `exception` in `events`, which may begin and end within one; such a run is
+/// left out. Includes what preempts them.
+pub fn runs(events: &[ExceptionEvent], exception: usize) -> Vec<HandlerRun> {
+    let of_handler: Vec<_> = events
         .iter()
-        .filter(|e| e.exception == TICK_EXCEPTION)
+        .filter(|e| e.exception == exception)
+        .skip_while(|e| !e.entered)
         .collect();
-    ticks
+    of_handler
         .chunks_exact(2)
-        .map(|pair| TickRecord {
+        .map(|pair| HandlerRun {
             time_ns: pair[0].time_ns,
+            duration_ns: pair[1].time_ns - pair[0].time_ns,
             instructions: pair[1].instructions - pair[0].instructions,
             cost: pair[1].cost.since(&pair[0].cost),
         })
         .collect()
 }
 
+/// Runs of the tick in `events`.
+pub fn ticks(events: &[ExceptionEvent]) -> Vec<HandlerRun> {
+    runs(events, TICK_EXCEPTION)
+}
+
 /// Spread of the ticks relative to a grid of 10 ms.
-fn jitter_ns(ticks: &[TickRecord]) -> u64 {
+fn jitter_ns(ticks: &[HandlerRun]) -> u64 {
     let offsets = ticks
         .iter()
         .zip(0..)
@@ -50,7 +60,7 @@ fn jitter_ns(ticks: &[TickRecord]) -> u64 {
 }
 
 /// Ticks in two seconds; calls `each_ms` every millisecond.
-fn record_ticks(rig: &mut Rig, mut each_ms: impl FnMut(&mut Rig, u64)) -> Vec<TickRecord> {
+fn record_ticks(rig: &mut Rig, mut each_ms: impl FnMut(&mut Rig, u64)) -> Vec<HandlerRun> {
     rig.board.trace_exceptions(true);
     for ms in 0..2_000 {
         each_ms(rig, ms);
