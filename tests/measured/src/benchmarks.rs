@@ -3,7 +3,7 @@
 //!
 //! The plants are those of `tests/plants`, which use the packaged estimator alone.
 
-use crate::plants::signal::{at, rate, rms};
+use crate::plants::signal::{at, rate, rms, slid};
 use crate::plants::{Law, Plant, Present, axis, oscillator, tanks};
 use crate::{Outcome, range, set_of};
 use hil_sim::report::{Axis, Plot, Role, Series};
@@ -162,11 +162,13 @@ fn force_share(record: &axis::Axis, nominal: &[f64], effects: &Present) -> f64 {
     let speed = rate(&smooth_m, axis::SAMPLE_S);
     let acceleration = rate(&speed, axis::SAMPLE_S);
     let delay = effects.size("delay") / axis::SAMPLE_S;
+    let distance_m = effects.value("low-speed-friction", 3);
     let rows = EDGE..record.force_n.len() - EDGE;
-    let missed = rows.clone().map(|row| {
-        let resistance = axis::resistance(nominal, effects, (smooth_m[row], speed[row]));
+    let missed = rows.clone().scan(0.0, |share, row| {
+        *share = slid(*share, speed[row] * axis::SAMPLE_S, distance_m);
+        let resistance = axis::resistance(nominal, effects, (smooth_m[row], speed[row]), *share);
         let force = at(&record.force_n, row as f64 - delay);
-        axis::values(nominal)[0] * acceleration[row] + resistance - force
+        Some(axis::values(nominal)[0] * acceleration[row] + resistance - force)
     });
     rms(missed) / rms(rows.map(|row| record.force_n[row]))
 }
@@ -179,6 +181,8 @@ fn position_m(record: &axis::Axis, nominal: &[f64], effects: &Present) -> Vec<f6
     let step_s = axis::SAMPLE_S / STEPS as f64;
     let mut x = record.position_m[0];
     let mut v = (record.position_m[1] - x) / axis::SAMPLE_S;
+    let distance_m = effects.value("low-speed-friction", 3);
+    let mut share = 0.0;
     let mut run = Vec::with_capacity(record.force_n.len());
     for row in 0..record.force_n.len() {
         run.push(x);
@@ -187,7 +191,8 @@ fn position_m(record: &axis::Axis, nominal: &[f64], effects: &Present) -> Vec<f6
             let force = record.force_n[place.max(0.0) as usize];
             let way = if v == 0.0 { force.signum() } else { v.signum() };
             let along = if v == 0.0 { way * f64::MIN_POSITIVE } else { v };
-            let net = force - axis::resistance(nominal, effects, (x, along));
+            share = slid(share, step_s * along, distance_m);
+            let net = force - axis::resistance(nominal, effects, (x, along), share);
             let next = v + step_s * net / mass;
             // It stops, or stays at rest, where friction is larger than the force.
             v = if next * way <= 0.0 { 0.0 } else { next };

@@ -3,7 +3,7 @@
 //!
 //! What is missed is smoothed: its slow part tells of friction, the fast one of inertia and delays.
 
-use super::signal::{at, columns, rate, smooth};
+use super::signal::{at, columns, rate, slid, smooth};
 use super::{Law, Present, candidate, parameter, scale};
 use model_discrepancy::engine::Candidate;
 use std::path::Path;
@@ -37,18 +37,20 @@ pub fn values(nominal: &[f64]) -> [f64; 4] {
     std::array::from_fn(|i| NOMINAL[i].0 + NOMINAL[i].1 * nominal[i])
 }
 
-/// Force \[N\] against a motion, but for inertia.
-pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64)) -> f64 {
+/// Force \[N\] against a motion, but for inertia, at `(x, v)` \[m, m/s\] when so much
+/// has [`slid`].
+pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64), slid: f64) -> f64 {
     let [_, viscous, coulomb, constant] = values(nominal);
     let size = |effect| effects.size(effect);
-    let width = effects.value("stribeck", 1).max(1e-9);
-    let friction = coulomb + effects.size("stribeck") * (-v.abs() / width).exp();
+    let width = effects.value("low-speed-friction", 1).max(1e-9);
+    let friction = coulomb + effects.size("low-speed-friction") * (-v.abs() / width).exp();
     let uneven = effects.value("asymmetric-friction", 1) * v.abs();
     let [sine, cosine, pitch] = std::array::from_fn(|i| effects.value("screw-ripple", i));
     let angle = std::f64::consts::TAU * x / if pitch > 0.0 { pitch } else { 1.0 };
     let ripple = sine * angle.sin() + cosine * angle.cos();
     let along = size("friction-along-screw") * x;
-    let more = size("asymmetric-friction") + uneven + size("cable-spring") * x + ripple;
+    let late = effects.value("low-speed-friction", 2) * (slid - v.signum());
+    let more = size("asymmetric-friction") + uneven + size("cable-spring") * x + ripple + late;
     (friction + along) * v.signum() + (viscous + size("drag") * v.abs()) * v + constant + more
 }
 
@@ -85,7 +87,9 @@ impl Law for Axis {
         let spring = parameter("n_per_m", "N/m", (-500.0, 500.0), 20.0);
         let pitch = scale("pitch_m", "m", (2e-3, 0.1), 0.01);
         let speed = scale("speed_m_per_s", "m/s", (1e-4, 0.1), 0.01);
-        let stribeck = [force("more_n"), speed];
+        let distance = scale("distance_m", "m", (1e-6, 1e-3), 3e-5);
+        let late = parameter("late_n", "N", (0.0, 50.0), 5.0);
+        let slow = [force("more_n"), speed, late, distance];
         let ripple = [force("sine_n"), force("cosine_n"), pitch];
         let uneven = [force("difference_n"), viscous];
         let both = &[0, 1];
@@ -93,7 +97,8 @@ impl Law for Axis {
             candidate("asymmetric-friction", "coulomb", both, &uneven[..1]),
             candidate("asymmetric-friction", "viscous", both, &uneven),
             candidate("delay", "pure", both, &[delay]),
-            candidate("stribeck", "exponential", both, &stribeck),
+            candidate("low-speed-friction", "stribeck", both, &slow[..2]),
+            candidate("low-speed-friction", "stribeck-and-presliding", both, &slow),
             candidate("drag", "quadratic", both, &[drag]),
             candidate("cable-spring", "linear", both, &[spring]),
             candidate("friction-along-screw", "linear", both, &[spring]),
@@ -102,16 +107,19 @@ impl Law for Axis {
     }
 
     fn times(&self, block: usize) -> Vec<f64> {
-        let rows = self.rows(block);
-        rows.map(|row| row as f64 * SAMPLE_S / LASTS_S).collect()
+        let time = |row| row as f64 * SAMPLE_S / LASTS_S;
+        self.rows(block).map(time).collect()
     }
 
     fn missed(&self, block: usize, nominal: &[f64], effects: &Present) -> Vec<f64> {
         let motion = self.position_m.iter().zip(&self.speed);
-        let resistance = motion.map(|(x, v)| resistance(nominal, effects, (*x, *v)));
-        let resistance: Vec<f64> = resistance.collect();
+        let resistance = motion.scan(0.0, |share, (x, v)| {
+            *share = slid(*share, v * SAMPLE_S, effects.value("low-speed-friction", 3));
+            Some(resistance(nominal, effects, (*x, *v), *share))
+        });
         let (mass, delay) = (values(nominal)[0], effects.size("delay") / SAMPLE_S);
-        let whole = smooth(&resistance, AVERAGED).into_iter().enumerate();
+        let resistance = smooth(&resistance.collect::<Vec<f64>>(), AVERAGED);
+        let whole = resistance.iter().enumerate();
         let whole = whole.map(|(row, resistance)| {
             mass * self.acceleration[row] + resistance - at(&self.smooth_n, row as f64 - delay)
         });

@@ -1,4 +1,4 @@
-//! Columns of records, and filters without phase.
+//! Columns of records, filters without phase, and a memory.
 
 use std::path::Path;
 
@@ -55,6 +55,13 @@ pub fn at(values: &[f64], place: f64) -> f64 {
     let (row, share) = (place as usize, place.fract());
     let next = (row + 1).min(values.len() - 1);
     values[row] * (1.0 - share) + values[next] * share
+}
+
+/// The share, −1 to 1, of a force that comes back over a distance after a reversal, when what had
+/// come back `before` has moved on: presliding by Dahl.
+pub fn slid(before: f64, moved_m: f64, distance_m: f64) -> f64 {
+    let way = moved_m.signum();
+    way + (before - way) * (-moved_m.abs() / distance_m.max(1e-12)).exp()
 }
 
 /// `values` with so many for each, by a sinc in a window (Hann).

@@ -35,7 +35,10 @@ fn two_tanks_have_an_overflow_and_an_outflow_that_is_no_root() {
 #[ignore = "needs the measured sets at MEASURED_DATA_DIR"]
 fn an_axis_has_uneven_friction_and_a_delay() {
     let record = Axis::read(&folder("emps").join("est.csv"));
-    assert_named(record, &["asymmetric-friction", "delay", "stribeck"]);
+    assert_named(
+        record,
+        &["asymmetric-friction", "delay", "low-speed-friction"],
+    );
 }
 
 #[test]
