@@ -6,7 +6,7 @@
 
 use super::muscle::{Calibrated, MuscleModel};
 use crate::error::{BadInput, significant};
-use crate::identify::formula::{self, Estimate, Formula};
+use crate::identify::formula::{self, Estimate, Formula, Rhythms};
 use crate::identify::gap;
 use crate::identify::inputs::above_vacuum;
 use crate::identify::simulate::{simulate, simulated};
@@ -322,7 +322,9 @@ pub fn diagnose(
     let places = selection.left.iter().map(left);
     let places: Vec<_> = places.flat_map(|block| model.places(block)).collect();
     let records = (fit, validate, &nominal_runs[..]);
-    let (formula, run) = with_formula(rig, run, &places, records, options, watch)?;
+    let rhythms = Rhythms::of(&model, fit, &selection.estimated, &selection.left);
+    let left = (&places[..], rhythms);
+    let (formula, run) = with_formula(rig, run, left, records, options, watch)?;
     clock.lap("formula");
     let FreeRuns {
         nominal,
@@ -450,20 +452,20 @@ impl FreeRuns {
     }
 }
 
-/// A formula for what `run` leaves in `places`, and the free runs of the rig with it; none where
-/// nothing is left, or nothing is found.
+/// A formula for what `run` leaves in these places and with these rhythms, and the free runs of the
+/// rig with it; none where nothing is left, or nothing is found.
 fn with_formula(
     rig: &Rig,
     run: FreeRuns,
-    places: &[&str],
+    left: (&[&str], Rhythms),
     records: (&[Record], &[Record], &[Record]),
     options: &Options,
     watch: Watch,
 ) -> Result<(Option<Formula>, FreeRuns), BadInput> {
-    let found = match places {
+    let found = match left {
         _ if options.no_formula => None,
-        [] => None,
-        places => formula_of(rig, &run, places, records, options, watch)?,
+        ([], _) => None,
+        left => formula_of(rig, &run, left, records, options, watch)?,
     };
     Ok(match found {
         Some((formula, better)) => (Some(formula), better),
@@ -476,7 +478,7 @@ fn with_formula(
 fn formula_of(
     rig: &Rig,
     run: &FreeRuns,
-    places: &[&str],
+    (places, rhythms): (&[&str], Rhythms),
     (fit, validate, nominal_runs): (&[Record], &[Record], &[Record]),
     options: &Options,
     watch: Watch,
@@ -485,7 +487,7 @@ fn formula_of(
     let mut base = rig.clone();
     base.effects.clone_from(&run.fitted.effects);
     // What cannot be fitted with terms is a diagnosis all the same.
-    let Ok((base, tables)) = formula::with_terms(&base, places) else {
+    let Ok((base, tables)) = formula::with_terms(&base, places, rhythms) else {
         return Ok(None);
     };
     let Ok(model) = MuscleModel::new(&base, fit, validate, &[]) else {

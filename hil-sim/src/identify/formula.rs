@@ -1,7 +1,8 @@
 //! A formula for what has no name: which terms of a list, over the inputs of the subsystem and its
 //! memories, explain what is left, by the same evidence that names effects.
 
-use super::muscle::MuscleModel;
+use super::muscle::{GAS, MuscleModel};
+use super::rhythm::{Left, Rhythm, rhythm};
 use crate::error::BadInput;
 use crate::own_effect;
 use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
@@ -58,8 +59,71 @@ pub struct Formula {
     pub supported: BTreeMap<&'static str, [f64; 2]>,
 }
 
-/// The tables of all terms by their names, with sizes for the rig.
-fn tables(rig: &Rig) -> Table {
+/// The strongest rhythms in what is left of forces, and of pressures.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Rhythms {
+    forces: Option<Rhythm>,
+    pressures: Option<Rhythm>,
+}
+
+impl Rhythms {
+    /// In what `hypothesis` leaves of `fitted`, the records that were fitted, in the blocks `left`.
+    pub(super) fn of(
+        model: &MuscleModel,
+        fitted: &[Record],
+        hypothesis: &Hypothesis,
+        left: &[usize],
+    ) -> Rhythms {
+        let fit = &hypothesis.fit;
+        let of_record = |block: usize, record: usize| -> Option<Left> {
+            let residuals = model.residuals(record, block, &fit.nominal, &fit.effects)?;
+            let begin_s = fitted[record].time_s().first()?;
+            let since_s = model.timeline(record, block).time_s.into_iter();
+            let time_s = since_s.map(|since_s| begin_s + since_s).collect();
+            Some((time_s, residuals.outside().collect()))
+        };
+        let of = |is_own: &dyn Fn(&str) -> bool| {
+            let mut own = left.iter().filter(|block| is_own(model.blocks()[**block]));
+            own.find_map(|block| {
+                let records = 0..fitted.len();
+                let records = records.filter_map(|record| of_record(*block, record));
+                rhythm(&records.collect::<Vec<_>>())
+            })
+        };
+        Rhythms {
+            forces: of(&|block| block != GAS),
+            pressures: of(&|block| block == GAS),
+        }
+    }
+
+    /// The paragraph of a term of [`TERMS`] with its periods; none of one without them.
+    fn write(&self, paragraph: &str) -> Option<String> {
+        if !paragraph.contains("PERIOD") {
+            return Some(paragraph.into());
+        }
+        let acts_on = |place: &str| paragraph.contains(&format!("subsystem = \"{place}\""));
+        let rhythm = match acts_on("load") || acts_on("muscle-force") {
+            true => self.forces?,
+            false => self.pressures?,
+        };
+        // The longer words first, of which others are a part.
+        let words = [
+            ("PULSE_PERIOD_S", rhythm.pulse_period_s),
+            ("PULSE_AT_S", rhythm.pulse_at_s),
+            ("PERIOD_S", rhythm.period_s),
+            // Two parts of a period are the most that its place is off.
+            ("LATER_MAX_S", 2.0 * rhythm.part_s()),
+            ("LATER_S", 0.5 * rhythm.part_s()),
+        ];
+        let put =
+            |text: String, (word, value): (&str, f64)| text.replace(word, &format!("{value:.6e}"));
+        Some(words.into_iter().fold(paragraph.into(), put))
+    }
+}
+
+/// The tables of all terms by their names, with sizes for the rig and, of those in time, the
+/// periods of `rhythms`.
+fn tables(rig: &Rig, rhythms: Rhythms) -> Table {
     let muscle = &rig.nominal.muscle;
     let force_n = match rig.nominal.load {
         Load::Weight(weight) => weight.mass_kg * model_core::constants::GRAVITY_M_PER_S2,
@@ -68,8 +132,11 @@ fn tables(rig: &Rig) -> Table {
     let valve = rig.nominal.valve.as_ref();
     let flow = 1e5 * valve.map_or(1e-7, |valve| valve.flow_gain_kg_per_pa_s);
     let number = |value: f64| format!("{value:.3e}");
+    let paragraphs = TERMS.split("\n\n");
+    let paragraphs: Vec<_> = paragraphs.filter_map(|own| rhythms.write(own)).collect();
     // The longer words first, of which others are a part.
-    let text = TERMS
+    let text = paragraphs
+        .join("\n\n")
         .replace("MANY_N", &number(10.0 * force_n))
         .replace("FORCE_N", &number(0.05 * force_n))
         .replace("MANY_FLOW", &number(2.0 * flow))
@@ -78,18 +145,24 @@ fn tables(rig: &Rig) -> Table {
     own_effect::tables(text.parse().unwrap_or_default())
 }
 
-/// `rig` with the terms on `places` in the place of all effects that may be found, and the tables
-/// of the terms. Those that the rig has are not found again.
+/// `rig` with the terms on `places`, and of readings, in the place of all effects that may be found,
+/// and the tables of the terms. Those that the rig has are not found again.
 ///
 /// # Errors
 /// None that a test does not exclude.
-pub(super) fn with_terms(rig: &Rig, places: &[&str]) -> Result<(Rig, Table), BadInput> {
-    let mut tables = tables(rig);
+pub(super) fn with_terms(
+    rig: &Rig,
+    places: &[&str],
+    rhythms: Rhythms,
+) -> Result<(Rig, Table), BadInput> {
+    let mut tables = tables(rig, rhythms);
     let acts = |table: &Item| {
         // What is left of the gas may be the valve's.
         let place = table.get("subsystem").and_then(Item::as_str);
         place.is_some_and(|place| {
-            places.contains(&place) || place == "valve" && places.contains(&"gas")
+            places.contains(&place)
+                || place == "valve" && places.contains(&"gas")
+                || place == "sensor"
         })
     };
     let has = |name: &str| rig.effects.iter().any(|effect| effect.kind.name == name);
@@ -208,7 +281,16 @@ mod tests {
     fn the_terms_are_effects_of_ones_own_for_any_rig() {
         let rig = Rig::reference();
         let places = ["muscle-force", "load", "gas"];
-        let (terms, tables) = with_terms(&rig, &places).expect("terms");
+        let known = Some(Rhythm {
+            period_s: 1.3,
+            pulse_period_s: 2.5,
+            pulse_at_s: 0.2,
+        });
+        let rhythms = Rhythms {
+            forces: known,
+            pressures: known,
+        };
+        let (terms, tables) = with_terms(&rig, &places, rhythms).expect("terms");
         assert_eq!(
             terms.catalogue.kinds().count(),
             TERMS.matches("\nsubsystem = ").count()
@@ -219,8 +301,10 @@ mod tests {
                 .kinds()
                 .all(|kind| kind.name.starts_with("formula-"))
         );
-        let (gas, _) = with_terms(&rig, &["gas"]).expect("terms");
-        assert_eq!(gas.catalogue.kinds().count(), 5);
+        let (gas, _) = with_terms(&rig, &["gas"], rhythms).expect("terms");
+        assert_eq!(gas.catalogue.kinds().count(), 8);
+        let (calm, _) = with_terms(&rig, &["gas"], Rhythms::default()).expect("terms");
+        assert_eq!(calm.catalogue.kinds().count(), 5);
         // Each can be written into a rig, and read again.
         for kind in terms.catalogue.kinds() {
             let mut with = rig.clone();
@@ -234,7 +318,7 @@ mod tests {
             let mut again = read.clone();
             again.declare(kind, tables[kind.name].clone());
             assert_eq!(again.rewritten(&text).as_ref(), Ok(&text));
-            let (other, _) = with_terms(&read, &places).expect("terms");
+            let (other, _) = with_terms(&read, &places, rhythms).expect("terms");
             assert!(other.catalogue.find(kind.name).is_none());
         }
     }

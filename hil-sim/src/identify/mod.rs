@@ -13,4 +13,5 @@ pub mod muscle;
 pub mod provenance;
 pub mod repeats;
 pub mod report;
+mod rhythm;
 pub mod simulate;

@@ -61,7 +61,8 @@ const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
 const REFINING_REACH: i32 = 6;
 const REFINING_STEPS: [f64; 2] = [0.5, 0.1];
 
-const GAS: &str = "gas";
+/// The block of the gas.
+pub(super) const GAS: &str = "gas";
 const FORCE: &str = "force";
 const LOAD: &str = "load";
 
