@@ -174,10 +174,14 @@ fn design(
     Ok(json(&found))
 }
 
-/// `hil-sim effects --json`, or of one effect.
+/// `hil-sim effects --json`, or of one effect; with those of a rig's own.
 #[pyfunction]
-fn effects(name: Option<&str>) -> PyResult<String> {
-    let catalogue = Catalogue::standard();
+fn effects(name: Option<&str>, rig: Option<GivenRig>) -> PyResult<String> {
+    let catalogue = match rig {
+        // What its values are in does not matter here.
+        Some(rig) => rig.read(true).map_err(|error| bad(&error))?.catalogue,
+        None => Catalogue::standard(),
+    };
     let Some(name) = name else {
         let kinds: Vec<_> = catalogue.kinds().map(KindSummary::new).collect();
         return Ok(json(&kinds));

@@ -17,6 +17,12 @@ import hil_sim
 
 PROGRAM = os.environ["HIL_SIM"]
 LEAK = '\n[[effect]]\nname = "leak"\nconductance_kg_per_pa_s = 4e-9\n'
+OWN_EFFECT = """
+[own_effect.stiffer]
+subsystem = "muscle-force"
+parameter.size_n = { unit = "N", min = -50, max = 50, typical = 5, neutral = 0 }
+adds.force_n = "size_n * contraction"
+"""
 
 
 def command(folder, *arguments):
@@ -99,6 +105,12 @@ def test_json_is_that_of_the_command_line(tmp_path, rig, records, found):
     printed, _ = command(tmp_path, "effects", "--json")
     assert [kind.name for kind in hil_sim.effects()] == [kind["name"] for kind in json.loads(printed)]
     assert hil_sim.effects("leak")[0].forms[0]["toml"].startswith("[[effect]]\nname = \"leak\"")
+    own = rig.text + OWN_EFFECT
+    (tmp_path / "own.toml").write_text(own)
+    printed, _ = command(tmp_path, "effects", "--json", "--rig", "own.toml")
+    for one in (tmp_path / "own.toml", hil_sim.Rig(own)):
+        assert [kind.name for kind in hil_sim.effects(rig=one)] == [kind["name"] for kind in json.loads(printed)]
+        assert hil_sim.effects("stiffer", rig=one)[0].name == "stiffer"
     printed, _ = command(tmp_path, "experiment", "--rig", "rig.toml", "--out", "experiment", "--json")
     written = hil_sim.experiment(rig)
     assert written.json == printed
@@ -121,6 +133,7 @@ def test_what_is_wrong_is_said_in_the_words_of_the_command_line(tmp_path, rig, r
         "a column `time_s`": lambda: hil_sim.check({"force_n": [1.0, 2.0]}),
         "columns of equal length": lambda: hil_sim.check({"time_s": [0.0, 1.0], "force_n": [1.0]}),
         "did you mean leak?": lambda: hil_sim.effects("leek"),
+        "did you mean stiffer?": lambda: hil_sim.effects("stifer", rig=hil_sim.Rig(rig.text + OWN_EFFECT)),
         "did you mean conductance": lambda: hil_sim.Rig(rig.text + LEAK.replace("conductance", "conductanse")).check(),
         "at most 1": lambda: hil_sim.Rig(rig.text.replace("alpha_m2 = 0.05 ", "alpha_m2 = 5 ")).check(),
         "expected one of": lambda: hil_sim.experiment(rig, ["hold"]),

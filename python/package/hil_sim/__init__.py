@@ -414,9 +414,9 @@ def design(
     return Design(_json.loads(text), text)
 
 
-def effects(name: str | None = None) -> list[EffectKind]:
-    """The effects that a rig may have, or the one of that name."""
-    found = _json.loads(_native.effects(name))
+def effects(name: str | None = None, *, rig: Rig | str | os.PathLike | None = None) -> list[EffectKind]:
+    """The effects that a rig may have, or the one of that name; with those that ``rig`` declares itself."""
+    found = _json.loads(_native.effects(name, None if rig is None else _rig(rig)))
     kinds = found if name is None else [found]
     return [EffectKind(**{**kind, "forms": tuple(kind["forms"])}) for kind in kinds]
 
