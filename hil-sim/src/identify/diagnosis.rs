@@ -297,11 +297,7 @@ pub fn diagnose(
     let mut clock = Clock::new();
     watch(Step::Stage("data and noise", 0));
     let (fit, validate) = (&driven(rig, fit)?[..], &driven(rig, validate)?[..]);
-    // What an earlier formula is made of is no name.
-    let kinds = rig.catalogue.kinds().filter(|kind| formula::is_term(kind));
-    let terms = kinds.map(|kind| kind.name.into());
-    let without: Vec<String> = options.without.iter().cloned().chain(terms).collect();
-    let model = MuscleModel::new(rig, fit, validate, &without)?;
+    let model = MuscleModel::new(rig, fit, validate, &without(rig, options))?;
     clock.lap("data and noise");
     let engine = Engine::new(&model);
     let expected = "a rig whose plant can follow the records";
@@ -367,6 +363,13 @@ pub fn diagnose(
         fitted,
         free_runs,
     })
+}
+
+/// The effects that are not tried: what an earlier formula is made of is no name.
+fn without(rig: &Rig, options: &Options) -> Vec<String> {
+    let kinds = rig.catalogue.kinds().filter(|kind| formula::is_term(kind));
+    let terms = kinds.map(|kind| kind.name.into());
+    options.without.iter().cloned().chain(terms).collect()
 }
 
 /// The fitted rig, and what it and the nominal one make of the validation records.
