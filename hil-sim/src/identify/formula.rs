@@ -8,6 +8,7 @@ use crate::own_effect;
 use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
 use crate::rig::{Rig, effect_toml};
 use model_discrepancy::engine::{Active, Engine, Hypothesis, Model};
+use model_discrepancy::rows::Timeline;
 use model_discrepancy::verdict::Selection;
 use muscle_plant::effects::{Catalogue, EffectKind};
 use muscle_plant::nominal::Load;
@@ -78,9 +79,15 @@ impl Rhythms {
         let of_record = |block: usize, record: usize| -> Option<Left> {
             let residuals = model.residuals(record, block, &fit.nominal, &fit.effects)?;
             let begin_s = fitted[record].time_s().first()?;
-            let since_s = model.timeline(record, block).time_s.into_iter();
-            let time_s = since_s.map(|since_s| begin_s + since_s).collect();
-            Some((time_s, residuals.outside().collect()))
+            let Timeline { time_s, base } = model.timeline(record, block);
+            let rows = time_s.iter().zip(&base).zip(residuals.outside());
+            // What is exact, or a record's own, was measured at no time.
+            let measured = rows.filter(|((_, base), _)| **base > 0.0);
+            Some(
+                measured
+                    .map(|((since_s, _), left)| (begin_s + since_s, left))
+                    .unzip(),
+            )
         };
         let of = |is_own: &dyn Fn(&str) -> bool| {
             let mut own = left.iter().filter(|block| is_own(model.blocks()[**block]));

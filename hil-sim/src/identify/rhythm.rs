@@ -12,7 +12,7 @@ const SLOWEST: usize = 6;
 const BAND: (f64, usize) = (1.3, 32);
 /// Harmonics that tell pulses.
 const HARMONICS: usize = 8;
-/// Steps either way in which a frequency is refined.
+/// Steps either way in which a frequency is refined, twice.
 const REFINED: i32 = 10;
 /// Records that are so many times their length apart have no common rhythm.
 const APART: usize = 10;
@@ -136,10 +136,14 @@ pub(super) fn rhythm(records: &[Left]) -> Option<Rhythm> {
     let sum = Sum::of(records)?;
     let spectrum = sum.spectrum()?;
     let step_hz = 1.0 / (sum.step_s * (FINER * sum.left.len()) as f64);
-    let refined = |place: usize, of: &dyn Fn(f64) -> f64| {
-        let near = |part: i32| (place as f64 + f64::from(part) / f64::from(REFINED)) * step_hz;
+    let finer = |of: &dyn Fn(f64) -> f64, about_hz: f64, step_hz: f64| {
+        let near = |part: i32| about_hz + f64::from(part) / f64::from(REFINED) * step_hz;
         let all = (-REFINED..=REFINED).map(|part| of(near(part)));
         Some(near(i32::try_from(largest(all)?).ok()? - REFINED))
+    };
+    let refined = |place: usize, of: &dyn Fn(f64) -> f64| {
+        let about_hz = finer(of, place as f64 * step_hz, step_hz)?;
+        finer(of, about_hz, step_hz / f64::from(REFINED))
     };
     let tones = spectrum.get(SLOWEST..)?.iter().copied();
     let tone_hz = refined(SLOWEST + largest(tones)?, &|hz| sum.power(hz))?;
@@ -198,7 +202,7 @@ mod tests {
             if is_on { 4.0 } else { noise(row) }
         };
         let found = rhythm(&left(pulses)).expect("a rhythm");
-        assert!((found.pulse_period_s - 2.3).abs() < 0.01, "{found:?}");
+        assert!((found.pulse_period_s - 2.3).abs() < 2e-3, "{found:?}");
         assert!((0.0..0.2).contains(&found.pulse_at_s), "{found:?}");
         // On a clock that began before.
         let mut later = left(pulses);
