@@ -520,7 +520,7 @@ fn formula_of(
     let found = Formula {
         removed: removed.collect(),
         supported: formula::supported(fit),
-        terms: formula::terms(&engine, &selection, &taken),
+        terms: formula::terms(&engine, &selection, &taken, &tables),
     };
     let kinds = better.fitted.effects.iter().map(|own| own.kind);
     let found_terms = kinds.filter_map(|kind| Some((kind, tables.get(kind.name)?.clone())));

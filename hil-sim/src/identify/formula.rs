@@ -32,6 +32,15 @@ pub struct Estimate {
     pub unit: &'static str,
 }
 
+/// A quantity of a term that is not fitted.
+#[derive(Clone, Debug, Serialize)]
+pub struct Constant {
+    /// Its value, in `unit`.
+    pub value: f64,
+    /// Its unit.
+    pub unit: String,
+}
+
 /// One term of a formula.
 #[derive(Clone, Debug, Serialize)]
 pub struct Term {
@@ -40,8 +49,10 @@ pub struct Term {
     /// The subsystem that it acts on.
     #[serde(rename = "where")]
     pub place: &'static str,
-    /// What is added, as an expression of inputs, states and parameters.
+    /// What is added, as an expression of inputs, states, parameters and constants.
     pub expression: &'static str,
+    /// Its constants.
+    pub constants: BTreeMap<String, Constant>,
     /// Its parameters.
     pub parameters: BTreeMap<&'static str, Estimate>,
     /// Probability that the formula needs it.
@@ -184,11 +195,28 @@ pub(super) fn with_terms(
     Ok((rig, tables))
 }
 
-/// The effects of `taken`, the most probable set of `selection`, as terms.
+/// The constants of a term's table.
+fn constants(table: &Item) -> BTreeMap<String, Constant> {
+    let all = table.get("constant").and_then(Item::as_table_like);
+    let all = all.into_iter().flat_map(|all| all.iter());
+    let constant = |(name, own): (&str, &Item)| {
+        let value = own.get("value")?;
+        let whole = || value.as_integer().map(|value| value as f64);
+        let constant = Constant {
+            value: value.as_float().or_else(whole)?,
+            unit: own.get("unit")?.as_str()?.into(),
+        };
+        Some((name.into(), constant))
+    };
+    all.filter_map(constant).collect()
+}
+
+/// The effects of `taken`, the most probable set of `selection`, as terms, which `tables` declare.
 pub(super) fn terms(
     engine: &Engine<MuscleModel>,
     selection: &Selection,
     taken: &Hypothesis,
+    tables: &Table,
 ) -> Vec<Term> {
     let is_certain = selection
         .posterior
@@ -219,6 +247,7 @@ pub(super) fn terms(
             name: kind.name,
             place: kind.subsystem.name(),
             expression: kind.form(own.form)?.equation,
+            constants: tables.get(kind.name).map(constants).unwrap_or_default(),
             parameters: parameters.collect(),
             probability: with.map(|set| set.probability).sum::<f64>().min(1.0),
         })
@@ -312,6 +341,9 @@ mod tests {
         assert_eq!(gas.catalogue.kinds().count(), 8);
         let (calm, _) = with_terms(&rig, &["gas"], Rhythms::default()).expect("terms");
         assert_eq!(calm.catalogue.kinds().count(), 5);
+        let of_pulses = constants(&tables["formula-load-pulses"]);
+        assert_eq!(of_pulses["period_s"].value, 2.5);
+        assert_eq!(of_pulses["period_s"].unit, "s");
         // Each can be written into a rig, and read again.
         for kind in terms.catalogue.kinds() {
             let mut with = rig.clone();

@@ -169,7 +169,10 @@ fn formula_in_words(formula: &Formula) -> String {
                 own.unit
             )
         });
-        let values: Vec<_> = values.collect();
+        let constants = term.constants.iter();
+        let constants = constants
+            .map(|(name, own)| format!("{name} = {} {}", significant(own.value), own.unit));
+        let values: Vec<_> = values.chain(constants).collect();
         let certain = percent(term.probability);
         format!("{} ({certain}): {}", term.expression, values.join(", "))
     });
