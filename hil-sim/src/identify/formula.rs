@@ -1,11 +1,11 @@
 //! A formula for what has no name: which terms of a list, over the inputs of the subsystem and its
 //! memories, explain what is left, by the same evidence that names effects.
 
-use super::muscle::{GAS, MuscleModel};
+use super::muscle::{FORCE, GAS, LOAD, MuscleModel};
 use super::rhythm::{Left, Rhythm, rhythm};
 use crate::error::BadInput;
 use crate::own_effect;
-use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record};
+use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record, TIME_S};
 use crate::rig::{Rig, effect_toml};
 use model_discrepancy::engine::{Active, Engine, Hypothesis, Model};
 use model_discrepancy::rows::Timeline;
@@ -71,11 +71,12 @@ pub struct Formula {
     pub supported: BTreeMap<&'static str, [f64; 2]>,
 }
 
-/// The strongest rhythms in what is left of forces, and of pressures.
+/// The strongest rhythms in what is left in each block.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Rhythms {
-    forces: Option<Rhythm>,
-    pressures: Option<Rhythm>,
+    gas: Option<Rhythm>,
+    force: Option<Rhythm>,
+    load: Option<Rhythm>,
 }
 
 impl Rhythms {
@@ -100,17 +101,15 @@ impl Rhythms {
                     .unzip(),
             )
         };
-        let of = |is_own: &dyn Fn(&str) -> bool| {
-            let mut own = left.iter().filter(|block| is_own(model.blocks()[**block]));
-            own.find_map(|block| {
-                let records = 0..fitted.len();
-                let records = records.filter_map(|record| of_record(*block, record));
-                rhythm(&records.collect::<Vec<_>>())
-            })
+        let of = |name: &str| {
+            let block = left.iter().find(|block| model.blocks()[**block] == name)?;
+            let records = (0..fitted.len()).filter_map(|record| of_record(*block, record));
+            rhythm(&records.collect::<Vec<_>>())
         };
         Rhythms {
-            forces: of(&|block| block != GAS),
-            pressures: of(&|block| block == GAS),
+            gas: of(GAS),
+            force: of(FORCE),
+            load: of(LOAD),
         }
     }
 
@@ -120,21 +119,22 @@ impl Rhythms {
             return Some(paragraph.into());
         }
         let acts_on = |place: &str| paragraph.contains(&format!("subsystem = \"{place}\""));
-        let rhythm = match acts_on("load") || acts_on("muscle-force") {
-            true => self.forces?,
-            false => self.pressures?,
+        let rhythm = match () {
+            () if acts_on("load") => self.load?,
+            () if acts_on("muscle-force") => self.force.or(self.load)?,
+            () => self.gas?,
         };
         // The longer words first, of which others are a part.
         let words = [
             ("PULSE_PERIOD_S", rhythm.pulse_period_s),
             ("PULSE_AT_S", rhythm.pulse_at_s),
             ("PERIOD_S", rhythm.period_s),
-            // Two parts of a period are the most that its place is off.
-            ("LATER_MAX_S", 2.0 * rhythm.part_s()),
+            // Anywhere in a wide pulse may be its largest part.
+            ("LATER_MAX_S", 6.0 * rhythm.part_s()),
             ("LATER_S", 0.5 * rhythm.part_s()),
         ];
         let put =
-            |text: String, (word, value): (&str, f64)| text.replace(word, &format!("{value:.6e}"));
+            |text: String, (word, value): (&str, f64)| text.replace(word, &format!("{value:e}"));
         Some(words.into_iter().fold(paragraph.into(), put))
     }
 }
@@ -266,21 +266,24 @@ pub(super) fn is_term(kind: &EffectKind) -> bool {
     kind.name.starts_with(PREFIX)
 }
 
-/// The range of each measured input of a formula in `records`.
+/// The range of time and of each measured input of a formula in `records`.
 pub(super) fn supported(records: &[Record]) -> BTreeMap<&'static str, [f64; 2]> {
-    let range = |name: &'static str| {
-        let columns = records.iter().filter_map(|record| record.column(name));
-        let values = columns.flatten().copied().filter(|value| !value.is_nan());
+    let range = |name: &'static str, columns: Vec<&[f64]>| {
+        let values = columns.into_iter().flatten().copied();
         let empty = [f64::INFINITY, f64::NEG_INFINITY];
-        let [low, high] = values.fold(empty, |[low, high], value| {
+        let known = values.filter(|value| !value.is_nan());
+        let [low, high] = known.fold(empty, |[low, high], value| {
             [low.min(value), high.max(value)]
         });
         (low <= high).then_some((name, [low, high]))
     };
-    [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION]
-        .into_iter()
-        .filter_map(range)
-        .collect()
+    let inputs = [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION].into_iter();
+    let inputs = inputs.filter_map(|name| {
+        let columns = records.iter().filter_map(|record| record.column(name));
+        range(name, columns.collect())
+    });
+    let times = records.iter().map(Record::time_s).collect();
+    inputs.chain(range(TIME_S, times)).collect()
 }
 
 /// The formula's terms as a file of effects of one's own, to be renamed, with the lines that add
@@ -323,8 +326,9 @@ mod tests {
             pulse_at_s: 0.2,
         });
         let rhythms = Rhythms {
-            forces: known,
-            pressures: known,
+            gas: known,
+            force: known,
+            load: known,
         };
         let (terms, tables) = with_terms(&rig, &places, rhythms).expect("terms");
         assert_eq!(

@@ -61,10 +61,9 @@ const STATIC_FRICTION: (&str, &str) = ("load", "static_friction_n");
 const REFINING_REACH: i32 = 6;
 const REFINING_STEPS: [f64; 2] = [0.5, 0.1];
 
-/// The block of the gas.
 pub(super) const GAS: &str = "gas";
-const FORCE: &str = "force";
-const LOAD: &str = "load";
+pub(super) const FORCE: &str = "force";
+pub(super) const LOAD: &str = "load";
 
 /// A nominal value, calibrated within its tolerance.
 #[derive(Clone, Debug, Serialize)]

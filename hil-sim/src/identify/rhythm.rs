@@ -1,12 +1,12 @@
-//! Rhythms in what a fit leaves: the period of an oscillation, and of pulses, that begin with each
-//! record.
+//! Rhythms in residuals: the period of an oscillation, and of pulses, on the records' clock, so that
+//! records which begin at 0 have theirs at the same times.
 
 use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
 
-/// Frequencies are this share of what a record can tell apart from each other: as one of so many.
+/// Frequencies are apart by this part of the inverse of the span.
 const FINER: usize = 4;
-/// The slowest oscillation has so many of these frequencies in it: 1.5 periods in a record.
+/// The slowest rhythm, in these frequencies: 1.5 periods in the span.
 const SLOWEST: usize = 6;
 /// Frequencies whose power is compared with each other: up to this ratio, and so many at least.
 const BAND: (f64, usize) = (1.3, 32);
@@ -14,10 +14,14 @@ const BAND: (f64, usize) = (1.3, 32);
 const HARMONICS: usize = 8;
 /// Steps either way in which a frequency is refined, twice.
 const REFINED: i32 = 10;
-/// Records that are so many times their length apart have no common rhythm.
-const APART: usize = 10;
+/// Records on a clock that runs for so many times their time have no common rhythm.
+const APART: f64 = 10.0;
 /// Parts of a period.
 const PARTS: usize = 40;
+/// Of periods that are multiples of each other the shortest is taken that has so much of the largest
+/// pulses: a period twice too short has 0.7 of them in pulses that are narrow, one twice too long as
+/// much in those that are wide.
+const ALIKE: f64 = 0.8;
 
 /// What is left of one record: when, and how much in units of the noise.
 pub(super) type Left = (Vec<f64>, Vec<f64>);
@@ -34,7 +38,7 @@ pub(super) struct Rhythm {
 }
 
 impl Rhythm {
-    /// How well the place of pulses is known \[s\].
+    /// A part of the pulses' period \[s\].
     pub fn part_s(&self) -> f64 {
         self.pulse_period_s / PARTS as f64
     }
@@ -50,20 +54,27 @@ struct Sum {
 impl Sum {
     /// `None` of less than two rows, and of records that are far from each other on one clock.
     fn of(records: &[Left]) -> Option<Sum> {
-        let known = || records.iter().filter(|(time_s, _)| time_s.len() > 1);
-        let ends = known().map(|(time_s, _)| [time_s[0], time_s[time_s.len() - 1]]);
+        let is_known =
+            |(time_s, left): &&Left| time_s.len() > 1 && left.iter().all(|left| left.is_finite());
+        let records: Vec<&Left> = records.iter().filter(is_known).collect();
+        let ends = records
+            .iter()
+            .map(|(time_s, _)| [time_s[0], time_s[time_s.len() - 1]]);
+        let measured_s: f64 = ends.clone().map(|[begin_s, end_s]| end_s - begin_s).sum();
         let [begin_s, end_s] = ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
-        let steps_s = known()
-            .map(|(time_s, _)| (time_s[time_s.len() - 1] - time_s[0]) / (time_s.len() - 1) as f64);
-        let step_s = steps_s.reduce(f64::min).filter(|step_s| *step_s > 0.0)?;
+        let rows = records
+            .iter()
+            .map(|(time_s, _)| time_s.len())
+            .sum::<usize>();
+        let step_s = measured_s / (rows - records.len()) as f64;
+        let is_one = measured_s > 0.0 && end_s - begin_s <= APART * measured_s;
+        is_one.then_some(())?;
         let rows = ((end_s - begin_s) / step_s).round() + 1.0;
-        let known_rows = known().map(|(time_s, _)| time_s.len()).sum::<usize>();
-        (rows <= (APART * known_rows) as f64).then_some(())?;
         let rows = rows as usize;
         let all = || records.iter().flat_map(|(_, own)| own);
         let mean = all().sum::<f64>() / all().count() as f64;
         let mut left = vec![0.0; rows];
-        for (time_s, own) in records {
+        for (time_s, own) in &records {
             for (time_s, own) in time_s.iter().zip(own) {
                 left[(((time_s - begin_s) / step_s).round() as usize).min(rows - 1)] += own - mean;
             }
@@ -110,7 +121,7 @@ impl Sum {
     }
 
     /// The share of a period, from the begin on, at which most is left on average, and how much that
-    /// is in units of what chance leaves there.
+    /// is beside what chance leaves there.
     fn largest_at(&self, frequency_hz: f64) -> (f64, f64) {
         let mut parts = [(0.0, 0.0_f64); PARTS];
         for (row, left) in self.left.iter().enumerate() {
@@ -138,28 +149,36 @@ pub(super) fn rhythm(records: &[Left]) -> Option<Rhythm> {
     let step_hz = 1.0 / (sum.step_s * (FINER * sum.left.len()) as f64);
     let finer = |of: &dyn Fn(f64) -> f64, about_hz: f64, step_hz: f64| {
         let near = |part: i32| about_hz + f64::from(part) / f64::from(REFINED) * step_hz;
-        let all = (-REFINED..=REFINED).map(|part| of(near(part)));
-        Some(near(i32::try_from(largest(all)?).ok()? - REFINED))
+        let near_hz = (-REFINED..=REFINED).map(near);
+        let with_power = near_hz.map(|hz| (hz, of(hz)));
+        let largest = with_power.max_by(|a, b| a.1.total_cmp(&b.1));
+        largest.map_or(about_hz, |(hz, _)| hz)
     };
     let refined = |place: usize, of: &dyn Fn(f64) -> f64| {
-        let about_hz = finer(of, place as f64 * step_hz, step_hz)?;
+        let about_hz = finer(of, place as f64 * step_hz, step_hz);
         finer(of, about_hz, step_hz / f64::from(REFINED))
     };
     let tones = spectrum.get(SLOWEST..)?.iter().copied();
-    let tone_hz = refined(SLOWEST + largest(tones)?, &|hz| sum.power(hz))?;
+    let tone_hz = refined(SLOWEST + largest(tones)?, &|hz| sum.power(hz));
     let harmonics = |place: usize| (1..=HARMONICS).map(move |times| times * place);
     let comb = |place| harmonics(place).map(|place| spectrum[place].ln()).sum();
     let combs = SLOWEST..spectrum.len().div_ceil(HARMONICS);
     let comb_hz = refined(SLOWEST + largest(combs.map(comb))?, &|hz| {
         let harmonics = 1..=HARMONICS;
         harmonics.map(|times| sum.power(times as f64 * hz)).sum()
-    })?;
-    // Every second or third harmonic is a comb, too.
-    let pulses = [1.0, 2.0, 3.0].map(|times| {
-        let (share, size) = sum.largest_at(comb_hz / times);
-        (times / comb_hz, share, size)
     });
-    let (pulse_period_s, share, _) = pulses.into_iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
+    // Every second or third harmonic is a comb, too.
+    let slower = [1.0, 2.0, 3.0].map(|times| comb_hz / times);
+    let is_slow_enough = |hz: &f64| *hz >= SLOWEST as f64 * step_hz || *hz == comb_hz;
+    let slower = slower.into_iter().filter(is_slow_enough);
+    let pulses: Vec<_> = slower.map(|hz| (hz, sum.largest_at(hz))).collect();
+    let most = pulses
+        .iter()
+        .map(|(_, (_, size))| *size)
+        .fold(0.0, f64::max);
+    let mut pulses = pulses.into_iter();
+    let (pulses_hz, (share, _)) = pulses.find(|(_, (_, size))| *size >= ALIKE * most)?;
+    let pulse_period_s = 1.0 / pulses_hz;
     Some(Rhythm {
         period_s: 1.0 / tone_hz,
         pulse_period_s,
@@ -204,6 +223,13 @@ mod tests {
         let found = rhythm(&left(pulses)).expect("a rhythm");
         assert!((found.pulse_period_s - 2.3).abs() < 2e-3, "{found:?}");
         assert!((0.0..0.2).contains(&found.pulse_at_s), "{found:?}");
+        // Wide ones have all of their size in twice their period, too.
+        let wide = |time_s: f64, row| {
+            let is_on = time_s.rem_euclid(2.3) < 0.5;
+            noise(row) + if is_on { 4.0 } else { 0.0 }
+        };
+        let found = rhythm(&left(wide)).expect("a rhythm");
+        assert!((found.pulse_period_s - 2.3).abs() < 2e-3, "{found:?}");
         // On a clock that began before.
         let mut later = left(pulses);
         let times_s = later.iter_mut().flat_map(|(time_s, _)| time_s);
@@ -214,6 +240,8 @@ mod tests {
 
     #[test]
     fn a_short_record_has_none() {
+        let unknown: Left = (vec![0.0, 0.1, 0.2], vec![1.0, f64::NAN, 0.0]);
+        assert_eq!(rhythm(&[unknown]), None);
         let short: Left = (vec![0.0, 0.1], vec![1.0, -1.0]);
         assert_eq!(rhythm(&[short]), None);
         assert_eq!(rhythm(&[]), None);
