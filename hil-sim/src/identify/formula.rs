@@ -163,8 +163,8 @@ fn tables(rig: &Rig, rhythms: Rhythms) -> Table {
     own_effect::tables(text.parse().unwrap_or_default())
 }
 
-/// `rig` with the terms on `places`, and of readings, in the place of all effects that may be found,
-/// and the tables of the terms. Those that the rig has are not found again.
+/// `rig` with the terms on `places`, and of readings, in the place of all effects that may be
+/// found, and the tables of the terms. Those that the rig has are not found again.
 ///
 /// # Errors
 /// None that a test does not exclude.

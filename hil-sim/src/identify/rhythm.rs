@@ -1,5 +1,5 @@
-//! Rhythms in residuals: the period of an oscillation, and of pulses, on the records' clock, so that
-//! records which begin at 0 have theirs at the same times.
+//! Rhythms in residuals: the period of an oscillation, and of pulses, on the records' clock, so
+//! that records which begin at 0 have theirs at the same times.
 
 use realfft::RealFftPlanner;
 use std::f64::consts::TAU;
@@ -18,9 +18,9 @@ const REFINED: i32 = 10;
 const APART: f64 = 10.0;
 /// Parts of a period.
 const PARTS: usize = 40;
-/// Of periods that are multiples of each other the shortest is taken that has so much of the largest
-/// pulses: a period twice too short has 0.7 of them in pulses that are narrow, one twice too long as
-/// much in those that are wide.
+/// Of periods that are multiples of each other the shortest is taken that has so much of the
+/// largest pulses: a period twice too short has 0.7 of them in pulses that are narrow, one twice
+/// too long as much in those that are wide.
 const ALIKE: f64 = 0.8;
 
 /// What is left of one record: when, and how much in units of the noise.
@@ -120,8 +120,8 @@ impl Sum {
         Some(powers)
     }
 
-    /// The share of a period, from the begin on, at which most is left on average, and how much that
-    /// is beside what chance leaves there.
+    /// The share of a period, from the begin on, at which most is left on average, and how much
+    /// that is beside what chance leaves there.
     fn largest_at(&self, frequency_hz: f64) -> (f64, f64) {
         let mut parts = [(0.0, 0.0_f64); PARTS];
         for (row, left) in self.left.iter().enumerate() {

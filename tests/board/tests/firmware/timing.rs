@@ -25,8 +25,8 @@ pub struct HandlerRun {
     pub cost: Cost,
 }
 
-/// Runs of the handler of `exception` in `events`, which may begin and end within one; such a run is
-/// left out. Includes what preempts them.
+/// Runs of the handler of `exception` in `events`, which may begin and end within one; such a run
+/// is left out. Includes what preempts them.
 pub fn runs(events: &[ExceptionEvent], exception: usize) -> Vec<HandlerRun> {
     let of_handler: Vec<_> = events
         .iter()
