@@ -318,8 +318,8 @@ pub fn diagnose(
     let places = selection.left.iter().map(left);
     let places: Vec<_> = places.flat_map(|block| model.places(block)).collect();
     let records = (fit, validate, &nominal_runs[..]);
-    let rhythms = Rhythms::of(&model, fit, &selection.estimated, &selection.left);
-    let left = (&places[..], rhythms);
+    let rhythms = || Rhythms::of(&model, fit, &selection.estimated, &selection.left);
+    let left = (&places[..], &rhythms as Seek);
     let (formula, run) = with_formula(rig, run, left, records, options, watch)?;
     clock.lap("formula");
     let FreeRuns {
@@ -455,12 +455,15 @@ impl FreeRuns {
     }
 }
 
+/// Seeks the rhythms in what is left, which only a formula needs.
+type Seek<'a> = &'a dyn Fn() -> Rhythms;
+
 /// A formula for what `run` leaves in these places and with these rhythms, and the free runs of the
 /// rig with it; none where nothing is left, or nothing is found.
 fn with_formula(
     rig: &Rig,
     run: FreeRuns,
-    left: (&[&str], Rhythms),
+    left: (&[&str], Seek),
     records: (&[Record], &[Record], &[Record]),
     options: &Options,
     watch: Watch,
@@ -481,7 +484,7 @@ fn with_formula(
 fn formula_of(
     rig: &Rig,
     run: &FreeRuns,
-    (places, rhythms): (&[&str], Rhythms),
+    (places, rhythms): (&[&str], Seek),
     (fit, validate, nominal_runs): (&[Record], &[Record], &[Record]),
     options: &Options,
     watch: Watch,
@@ -490,7 +493,7 @@ fn formula_of(
     let mut base = rig.clone();
     base.effects.clone_from(&run.fitted.effects);
     // What cannot be fitted with terms is a diagnosis all the same.
-    let Ok((base, tables)) = formula::with_terms(&base, places, rhythms) else {
+    let Ok((base, tables)) = formula::with_terms(&base, places, rhythms()) else {
         return Ok(None);
     };
     let Ok(model) = MuscleModel::new(&base, fit, validate, &[]) else {

@@ -16,7 +16,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use toml_edit::{DocumentMut, Item, Table};
 
-/// The terms, each a table `[own_effect.NAME]` of its own paragraphs.
+/// The terms, each a table `[own_effect.NAME]` in one paragraph.
 const TERMS: &str = include_str!("terms.toml");
 /// With what their names begin.
 const PREFIX: &str = "formula-";
@@ -119,10 +119,13 @@ impl Rhythms {
             return Some(paragraph.into());
         }
         let acts_on = |place: &str| paragraph.contains(&format!("subsystem = \"{place}\""));
-        let rhythm = match () {
-            () if acts_on("load") => self.load?,
-            () if acts_on("muscle-force") => self.force.or(self.load)?,
-            () => self.gas?,
+        let rhythm = if acts_on("load") {
+            self.load?
+        } else if acts_on("muscle-force") {
+            // Without measured force the balance of forces tells of the muscle's, too.
+            self.force.or(self.load)?
+        } else {
+            self.gas?
         };
         // The longer words first, of which others are a part.
         let words = [

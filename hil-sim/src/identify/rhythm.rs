@@ -62,17 +62,13 @@ impl Sum {
             .map(|(time_s, _)| [time_s[0], time_s[time_s.len() - 1]]);
         let measured_s: f64 = ends.clone().map(|[begin_s, end_s]| end_s - begin_s).sum();
         let [begin_s, end_s] = ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
-        let rows = records
-            .iter()
-            .map(|(time_s, _)| time_s.len())
-            .sum::<usize>();
-        let step_s = measured_s / (rows - records.len()) as f64;
+        let residuals = || records.iter().flat_map(|(_, left)| left);
+        let count = residuals().count();
+        let step_s = measured_s / (count - records.len()) as f64;
         let is_one = measured_s > 0.0 && end_s - begin_s <= APART * measured_s;
         is_one.then_some(())?;
-        let rows = ((end_s - begin_s) / step_s).round() + 1.0;
-        let rows = rows as usize;
-        let all = || records.iter().flat_map(|(_, own)| own);
-        let mean = all().sum::<f64>() / all().count() as f64;
+        let rows = ((end_s - begin_s) / step_s).round() as usize + 1;
+        let mean = residuals().sum::<f64>() / count as f64;
         let mut left = vec![0.0; rows];
         for (time_s, own) in &records {
             for (time_s, own) in time_s.iter().zip(own) {
