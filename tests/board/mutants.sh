@@ -6,14 +6,14 @@
 #   mutants.sh              all errors
 #   mutants.sh WORDS        only errors whose name contains WORDS
 #   mutants.sh --part 3/8   every eighth error, from the third on
+#   mutants.sh --check      none; only whether each still changes its file, without a toolchain
 #
 # Works on a copy of the working tree as it is at the start, and does not change it.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-scripts/require.sh mutants cargo git cc pkg-config libclang pip
-scripts/board-engine.sh
-only='' part=1 parts=1
+only='' part=1 parts=1 check=''
 case ${1:-} in
+--check) check=1 ;;
 --part) IFS=/ read -r part parts <<<"${2:?--part 3/8}" ;;
 *) only=${1:-} ;;
 esac
@@ -96,7 +96,7 @@ mutant() {
         tried=$((tried + 1)) survivors=$((survivors + 1))
         return
     fi
-    [ $((number % parts)) = $((part % parts)) ] || return 0
+    [ -z "$check" ] && [ $((number % parts)) = $((part % parts)) ] || return 0
     tried=$((tried + 1))
     fresh_copy
     sed -i -E "$program" "$work/tree/$file"
@@ -112,6 +112,13 @@ mutant() {
     survivors=$((survivors + 1))
 }
 
+if [ -n "$check" ]; then
+    # shellcheck source=/dev/null
+    . tests/board/mutants.list
+    exit $((survivors > 0))
+fi
+scripts/require.sh mutants cargo git cc pkg-config libclang pip
+scripts/board-engine.sh
 tests=$(build_tests) # in a subshell, so that its folder is left again
 fresh_copy
 if [ ! -x "$tests" ] || ! build || ! passes_on_board; then
