@@ -137,6 +137,24 @@ impl Selection {
         };
         Some(most(true)?.log_probability - most(false)?.log_probability)
     }
+
+    /// The most probable set of effects in their best forms, as it is estimated, whether or not it
+    /// is probable enough for names: for terms of a formula, which are none. `None` if that set has
+    /// no effect.
+    pub fn most_probable<M: Model>(&self, engine: &Engine<M>) -> Option<Hypothesis> {
+        let set = self.posterior.first()?;
+        let all = engine.model.candidates();
+        let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
+        for name in &set.effects {
+            let forms = (0..all.len()).filter(|own| all[*own].effect == *name);
+            let longer = |form: usize| sets.iter().map(move |set| [&set[..], &[form]].concat());
+            sets = forms.flat_map(longer).collect();
+        }
+        let fits = sets.iter().filter(|set| !set.is_empty());
+        let fits = fits.filter_map(|set| engine.hypothesis(set));
+        let best = fits.min_by(|a, b| a.fit.score().total_cmp(&b.fit.score()))?;
+        engine.estimated(&best).or(Some(best))
+    }
 }
 
 /// A set that was judged, with the logarithm of its evidence times its prior.

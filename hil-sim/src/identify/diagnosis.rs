@@ -502,7 +502,7 @@ fn formula_of(
     let engine = Engine::new(&model);
     let selection = select(&engine, options.costs, watch);
     let Some((selection, taken)) = selection.and_then(|selection| {
-        let taken = most_probable(&engine, &selection)?;
+        let taken = selection.most_probable(&engine)?;
         Some((selection, taken))
     }) else {
         return Ok(None);
@@ -533,22 +533,6 @@ fn formula_of(
         better.fitted.declare(kind, table);
     }
     Ok(Some((found, better)))
-}
-
-/// The most probable set of effects in their best forms; none if that set is empty.
-fn most_probable(engine: &Engine<MuscleModel>, selection: &Selection) -> Option<Fitted> {
-    let set = selection.posterior.first()?;
-    let all = engine.model.candidates();
-    let mut sets: Vec<Vec<usize>> = vec![Vec::new()];
-    for name in &set.effects {
-        let forms = (0..all.len()).filter(|own| all[*own].effect == *name);
-        let longer = |form: usize| sets.iter().map(move |set| [&set[..], &[form]].concat());
-        sets = forms.flat_map(longer).collect();
-    }
-    let fits = sets.iter().filter(|set| !set.is_empty());
-    let fits = fits.filter_map(|set| engine.hypothesis(set));
-    let best = fits.min_by(|a, b| a.fit.score().total_cmp(&b.fit.score()))?;
-    engine.estimated(&best).or(Some(best))
 }
 
 /// What is expected of a rig of which calibrated values are no plant that can follow `record`.

@@ -4,7 +4,7 @@
 //! The plants are those of `tests/plants`, which use the packaged estimator alone.
 
 use crate::plants::signal::{at, rate, rms, slid};
-use crate::plants::{Law, Plant, Present, axis, oscillator, tanks};
+use crate::plants::{Law, Plant, Present, axis, formula, oscillator, tanks};
 use crate::{Outcome, range, set_of};
 use hil_sim::report::{Axis, Plot, Role, Series};
 use model_discrepancy::engine::{Engine, Fit, Hypothesis};
@@ -97,6 +97,17 @@ fn selected<L: Law>(plant: &Plant<L>) -> Option<(Selection, f64)> {
     Some((selection, begin.elapsed().as_secs_f64()))
 }
 
+/// The most probable set of effects and terms of a formula.
+fn by_formula<L: Law>(plant: &Plant<L>) -> Option<(String, Hypothesis)> {
+    let engine = Engine::new(plant);
+    let selection = select(&engine, Costs::default(), &|_| ())?;
+    let found = selection.most_probable(&engine)?;
+    let names = found.candidates.iter();
+    let names: Vec<&str> = names.map(|own| plant.candidates[*own].effect).collect();
+    let method = format!("this method, by a formula: {}", names.join(", "));
+    Some((method, found))
+}
+
 /// Both tanks: named by predictions over 16 s, then fitted as simulated.
 fn tanks_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     let read = |name: &str, simulated| tanks::Tanks::read(&folder.join(name), simulated);
@@ -105,9 +116,10 @@ fn tanks_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     let simulated = Plant::new(vec![read("est.csv", true)?], 1);
     let engine = Engine::new(&simulated);
     let test = read("val.csv", true)?;
-    let error = |hypothesis: &Hypothesis| {
+    let error = |engine: &Engine<Plant<tanks::Tanks>>, hypothesis: &Hypothesis| {
         let fit = engine.polished(hypothesis)?.fit;
-        let run = test.run(&fit.nominal, &Present::new(&plant.candidates, &fit.effects));
+        let effects = Present::new(&engine.model.candidates, &fit.effects);
+        let run = test.run(&fit.nominal, &effects);
         let pairs = run.iter().zip(&test.level_v);
         Some(rms(pairs.map(|(is, was)| is.min(tanks::MOST_V) - was)))
     };
@@ -118,8 +130,8 @@ fn tanks_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
         signal: "lower_tank_level_volt",
         unit: "V",
         range: range(test.level_v.iter().copied()),
-        calibrated: error(&selection.null)?,
-        after: error(&selection.named)?,
+        calibrated: error(&engine, &selection.null)?,
+        after: error(&engine, &selection.named)?,
         noise: 0.02,
         next_experiment: "Fill the upper tank until it runs over, with its level measured.".into(),
         spent_s,
@@ -129,6 +141,10 @@ fn tanks_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     let mut figures = published(TANKS, "V", &TANKS_PUBLISHED);
     figures.push(computed(TANKS, "V", "Torricelli", outcome.calibrated));
     figures.push(computed(TANKS, "V", &named(&outcome), outcome.after));
+    let unnamed = |plant: Plant<_>| plant.with_formulas(&["outflow-law"], formula::outflows());
+    let (method, found) = by_formula(&unnamed(plant))?;
+    let by_formula = error(&Engine::new(&unnamed(simulated)), &found)?;
+    figures.push(computed(TANKS, "V", &method, by_formula));
     Some((outcome, figures))
 }
 
@@ -219,8 +235,13 @@ fn axis_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
             1e3 * rms(missed),
         )
     };
-    let of = |fit: &Fit| both(&fit.nominal, &Present::new(&plant.candidates, &fit.effects));
-    let (before, after) = (of(&selection.null.fit), of(&selection.named.fit));
+    let of = |plant: &Plant<_>, fit: &Fit| {
+        both(&fit.nominal, &Present::new(&plant.candidates, &fit.effects))
+    };
+    let (before, after) = (
+        of(&plant, &selection.null.fit),
+        of(&plant, &selection.named.fit),
+    );
     let by_four = both(&known, &Present::new(&plant.candidates, &[]));
     let force_n = rms(test.force_n.iter().copied());
     let mut outcome = Outcome {
@@ -257,6 +278,13 @@ fn axis_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     ));
     figures.push(computed(POSITION, "mm", "nominal model, fitted", before.1));
     figures.push(computed(POSITION, "mm", &method, after.1));
+    let unnamed = ["asymmetric-friction", "drag", "friction-along-screw"];
+    let plant = plant.with_formulas(&unnamed, formula::friction());
+    let (method, found) = by_formula(&plant)?;
+    let (force, position) = of(&plant, &found.fit);
+    figures.push(computed(FORCE, "%", &method, force));
+    figures.push(computed(POSITION, "mm", &method, position));
+    figures.sort_by_key(|figure| figure.measure != FORCE);
     Some((outcome, figures))
 }
 

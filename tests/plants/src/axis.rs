@@ -20,6 +20,8 @@ const AVERAGED: usize = 5;
 const SLOW: usize = 21;
 const ROWS: [usize; 2] = [20, 5];
 const LASTS_S: f64 = 0.1;
+/// Largest speed, in which formulas are written \[m/s\].
+pub const SPEED_M_PER_S: f64 = 0.1;
 
 /// A record.
 pub struct Axis {
@@ -51,6 +53,7 @@ pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64), slid: 
     let along = size("friction-along-screw") * x;
     let late = effects.value("low-speed-friction", 2) * (slid - v.signum());
     let more = size("asymmetric-friction") + uneven + size("cable-spring") * x + ripple + late;
+    let more = more + effects.formula("friction", v / SPEED_M_PER_S);
     (friction + along) * v.signum() + (viscous + size("drag") * v.abs()) * v + constant + more
 }
 
@@ -107,8 +110,8 @@ impl Law for Axis {
     }
 
     fn times(&self, block: usize) -> Vec<f64> {
-        let time = |row| row as f64 * SAMPLE_S / LASTS_S;
-        self.rows(block).map(time).collect()
+        let rows = self.rows(block);
+        rows.map(|row| row as f64 * SAMPLE_S / LASTS_S).collect()
     }
 
     fn missed(&self, block: usize, nominal: &[f64], effects: &Present) -> Vec<f64> {
@@ -119,11 +122,10 @@ impl Law for Axis {
         });
         let (mass, delay) = (values(nominal)[0], effects.size("delay") / SAMPLE_S);
         let resistance = smooth(&resistance.collect::<Vec<f64>>(), AVERAGED);
-        let whole = resistance.iter().enumerate();
-        let whole = whole.map(|(row, resistance)| {
+        let missed = |(row, resistance): (usize, &f64)| {
             mass * self.acceleration[row] + resistance - at(&self.smooth_n, row as f64 - delay)
-        });
-        let whole: Vec<f64> = whole.collect();
+        };
+        let whole: Vec<f64> = resistance.iter().enumerate().map(missed).collect();
         let slow = smooth(&whole, SLOW);
         let part = |row: usize| slow[row] + block as f64 * (whole[row] - 2.0 * slow[row]);
         self.rows(block).map(|row| part(row) / NOISE_N).collect()

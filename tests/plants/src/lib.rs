@@ -4,6 +4,7 @@
 //! A plant implements [`Law`] for one of its records; [`Plant`] makes a [`Model`] of some.
 
 pub mod axis;
+pub mod formula;
 pub mod motor;
 pub mod oscillator;
 pub mod signal;
@@ -31,10 +32,8 @@ pub trait Law: Sync {
     fn times(&self, block: usize) -> Vec<f64>;
     /// What the law misses in each row of a block, in units of the noise.
     fn missed(&self, block: usize, nominal: &[f64], effects: &Present) -> Vec<f64>;
-    /// Whether a block's rows change in proportion to a small effect.
-    fn proportional(_block: usize) -> bool {
-        true
-    }
+    /// Whether rows change in proportion to a small effect.
+    const PROPORTIONAL: bool = true;
 }
 
 /// Records of a plant, of which the first ones are fitted.
@@ -56,6 +55,15 @@ impl<L: Law> Plant<L> {
             candidates: L::catalogue(),
             nominal_blocks: L::nominal_blocks(),
         }
+    }
+
+    /// The same with the terms of formulas in the place of these effects.
+    #[must_use]
+    pub fn with_formulas(mut self, effects: &[&str], terms: Vec<Candidate>) -> Plant<L> {
+        let is_kept = |own: &Candidate| !effects.contains(&own.effect);
+        self.candidates.retain(is_kept);
+        self.candidates.extend(terms);
+        self
     }
 }
 
@@ -89,8 +97,8 @@ impl<L: Law> Model for Plant<L> {
     fn rows(&self, record: usize, block: usize) -> usize {
         self.records[record].times(block).len()
     }
-    fn proportional(&self, block: usize) -> bool {
-        L::proportional(block)
+    fn proportional(&self, _: usize) -> bool {
+        L::PROPORTIONAL
     }
     fn context(&self, record: usize, block: usize) -> Vec<Coordinate> {
         vec![Coordinate {

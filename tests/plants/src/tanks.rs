@@ -47,16 +47,17 @@ impl Tanks {
     pub fn run(&self, nominal: &[f64], effects: &Present) -> Vec<f64> {
         let nominal = std::array::from_fn(|i| NOMINAL[i] * (SIGMA * nominal[i]).exp());
         let [k1, k3, k4, mut upper_v] = nominal;
-        let brim_v = effects.size("overflow");
+        let [brim_v, share] = std::array::from_fn(|i| effects.value("overflow", i));
         let most_v = if brim_v > 0.0 { brim_v } else { 1e9 };
-        let share = effects.value("overflow", 1);
         let (dead_v, lag_s) = (effects.size("pump-dead-zone"), effects.size("pump-lag"));
         let offset_v = effects.size("level-sensor-offset");
         let (form, more) = effects.of("outflow-law");
         let more = |tank: usize| more.iter().rev().nth(1 - tank).unwrap_or(&0.0);
+        let places = ["upper-outflow", "lower-outflow"];
+        let formula = |tank: usize, level_v| effects.formula(places[tank], level_v / MOST_V);
         let out = |level_v: f64, tank: usize| match form.starts_with("power") {
             true => level_v.powf((0.5 + more(tank)).max(0.01)),
-            false => level_v.sqrt() + more(tank) * level_v,
+            false => level_v.sqrt() + more(tank) * level_v + formula(tank, level_v),
         };
         let step_s = SAMPLE_S / STEPS as f64;
         let follows = 1.0 - (-step_s / lag_s.max(1e-6)).exp();
@@ -73,8 +74,8 @@ impl Tanks {
                 let full_v = upper_v + step_s * (k4 * pumped_v - through);
                 upper_v = full_v.clamp(0.0, most_v);
                 let rate = through - k3 * out(lower_v, 1) - effects.size("leak") * lower_v;
-                lower_v = (lower_v + step_s * rate + share * (full_v - most_v).max(0.0))
-                    .clamp(0.0, MOST_V);
+                let spilt_v = share * (full_v - most_v).max(0.0);
+                lower_v = (lower_v + step_s * rate + spilt_v).clamp(0.0, MOST_V);
             }
         }
         read_v
@@ -91,6 +92,8 @@ impl Tanks {
 impl Law for Tanks {
     const BLOCKS: &[&str] = &["lower tank"];
     const NOMINALS: usize = NOMINAL.len();
+    /// An overflow begins at a level.
+    const PROPORTIONAL: bool = false;
 
     fn catalogue() -> Vec<Candidate> {
         let level = scale("level_v", "V", (2.0, 40.0), MOST_V);
@@ -122,12 +125,7 @@ impl Law for Tanks {
         let read_v = self.run(nominal, effects);
         // A change has the noise of both its ends.
         let noise_v = NOISE_V * if self.simulated { 1.0 } else { 2_f64.sqrt() };
-        let missed = self.ends().map(|row| read_v[row] - self.level_v[row]);
-        missed.map(|missed_v| missed_v / noise_v).collect()
-    }
-
-    /// An overflow begins at a level.
-    fn proportional(_: usize) -> bool {
-        false
+        let missed = |row: usize| (read_v[row] - self.level_v[row]) / noise_v;
+        self.ends().map(missed).collect()
     }
 }
