@@ -327,7 +327,18 @@ inputs!(OF_MUSCLE_STATES, MusclePoint, own, own.time_s, {
     direction: "1" = own.direction,
     pressure_pa: "Pa" = own.pressure.0,
 });
-inputs!(OF_LOAD, LoadPoint, own, own.time_s, {
+inputs!(OF_LOAD, (LoadPoint, Weight), own, own.0.time_s, {
+    time_s: "s" = own.0.time_s,
+    contraction: "1" = own.0.contraction,
+    contraction_rate_per_s: "1/s" = own.0.contraction_rate_per_s,
+    direction: "1" = own.0.direction,
+    speed_m_per_s: "m/s" = own.0.initial_length_m * own.0.contraction_rate_per_s,
+    initial_length_m: "m" = own.0.initial_length_m,
+    coulomb_friction_n: "N" = own.1.coulomb_friction_n,
+    static_friction_n: "N" = own.1.static_friction_n,
+});
+// The states of a load's effect do not depend on its friction.
+inputs!(OF_LOAD_STATES, LoadPoint, own, own.time_s, {
     time_s: "s" = own.time_s,
     contraction: "1" = own.contraction,
     contraction_rate_per_s: "1/s" = own.contraction_rate_per_s,
@@ -376,7 +387,8 @@ impl MuscleTerm for OwnTerm {
 
 impl LoadTerm for OwnTerm {
     fn change(&self, point: &LoadPoint, state: &[f64], weight: &mut Weight, force_n: &mut f64) {
-        let added = |index| self.added(index, point, state);
+        let before = (*point, *weight);
+        let added = |index| self.added(index, &before, state);
         *force_n += added(0);
         // A friction that drives, or a weight that breaks away below its Coulomb friction and
         // stops at once, would have no motion that ends.
@@ -471,7 +483,7 @@ pub(super) const MUSCLE: Place = Place {
 /// The weight.
 pub(super) const LOAD: Place = Place {
     inputs: OF_LOAD,
-    inputs_of_states: OF_LOAD,
+    inputs_of_states: OF_LOAD_STATES,
     adds: &[
         ("lifting_force_n", "N"),
         ("coulomb_friction_n", "N"),

@@ -32,6 +32,7 @@ fn range(name: &str) -> (f64, f64) {
         "force_n" => (-100.0, 2000.0),
         "speed_m_per_s" => (-0.5, 0.5),
         "initial_length_m" => (0.1, 1.0),
+        "coulomb_friction_n" | "static_friction_n" => (0.0, 100.0),
         // It may droop below the pressure in the muscle.
         "supply_pa" => (2e5, 1e6),
         "atmospheric_absolute_pa" => (9.5e4, 1.05e5),

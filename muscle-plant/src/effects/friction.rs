@@ -66,17 +66,20 @@ pub static KIND: EffectKind = EffectKind {
         Form {
             name: "lugre",
             parameters: &[
-                FORCE_N,
+                // With none the nominal friction still deflects.
+                Parameter::new("force_n", "N", (0.0, 1e3), 8.0),
                 STATIC_RATIO,
                 // A larger deflection is a hysteresis of the muscle.
                 Parameter::new("deflection_m", "m", (2e-5, 2e-3), 2e-4)
                     .log()
                     .physical_max(),
             ],
-            equation: "Eq 5 with F − force_n · z; dz/dt = v/deflection_m · (1 − sgn(v) · z/g), g \
-                       = 1 + (static_ratio − 1) · exp(−(v/(10 mm/s))²)",
+            equation: "Eq 5 with F − (force_n + coulomb_friction_n) · z in the place of the dry \
+                       friction; dz/dt = v/deflection_m · (1 − sgn(v) · z/g), g = 1 + \
+                       (static_ratio − 1) · exp(−(v/(10 mm/s))²)",
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
-                     1998), with a Stribeck speed of 10 mm/s.",
+                     1998), with a Stribeck speed of 10 mm/s. They carry the nominal friction, too, \
+                     which is that of the same contact.",
             leaves_out: "the damping of the bristles beside that of the load",
             build: &|values| {
                 Term::Load(Box::new(LuGre {
@@ -148,8 +151,10 @@ impl Dynamics<LoadPoint> for LuGre {
 }
 
 impl LoadTerm for LuGre {
-    fn change(&self, _: &LoadPoint, state: &[f64], _: &mut Weight, force_n: &mut f64) {
-        *force_n -= self.force_n * state[0];
+    fn change(&self, _: &LoadPoint, state: &[f64], weight: &mut Weight, force_n: &mut f64) {
+        *force_n -= (self.force_n + weight.coulomb_friction_n) * state[0];
+        weight.coulomb_friction_n = 0.0;
+        weight.static_friction_n = 0.0;
     }
 }
 

@@ -31,9 +31,9 @@ impl Along {
         }
     }
 
-    /// Takes the states on to the next row, in which the weight has surely moved to the contraction
-    /// `place`: its constants and the external force that lifts it there \[N\], and by how much
-    /// that may be off either way \[N\].
+    /// Takes the states on to the next row, in which the weight is at the contraction `place`: its
+    /// constants and the external force that lifts it there \[N\], and by how much that may be off
+    /// either way \[N\].
     pub(super) fn advance(
         &mut self,
         load: &LoadSubsystem,

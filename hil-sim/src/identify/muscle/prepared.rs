@@ -161,7 +161,7 @@ pub(super) struct Prepared {
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
     /// As `measured`, with the contraction smoothed and without ways back that noise makes: what
-    /// drives the muscle's memory. Of those a Bouc–Wen hysteresis would forget a third of its force
+    /// drives the muscle's memory and the load's. Of those a Bouc–Wen hysteresis would forget a third of its force
     /// in a second at rest.
     pub(super) smooth: Record,
     /// Of each row: the pressure with less noise \[Pa\], where it is smooth.
@@ -175,8 +175,6 @@ pub(super) struct Prepared {
     /// Of each row: smoothed ε̇ \[1/s\]; and +1 or −1 where the weight surely moves, else 0.
     pub(super) rates_per_s: Vec<f64>,
     pub(super) directions: Vec<f64>,
-    /// Of each row: where the contraction has surely moved to \[-\].
-    pub(super) path: Vec<f64>,
     /// Of each row: on which side of a play the motion has left the encoder, from −1 to 1; and
     /// whether the muscle surely takes the encoder along, or may have gone back and come again.
     pub(super) sides: Vec<f64>,
@@ -348,7 +346,6 @@ impl Prepared {
             stops: Vec::new(),
             rates_per_s: vec![0.0; contraction.len()],
             directions: vec![0.0; contraction.len()],
-            path: Vec::with_capacity(contraction.len()),
             sides: vec![0.0; contraction.len()],
             in_contact: vec![true; contraction.len()],
             dips: vec![false; contraction.len()],
@@ -443,7 +440,7 @@ impl Prepared {
         parts_n.map(|n| n * n).iter().sum::<f64>().sqrt()
     }
 
-    /// Rates, directions, the path, on which side of a play the encoder is, what drives the gas.
+    /// Rates, directions, on which side of a play the encoder is, what drives the gas.
     fn motion(&mut self, record: &Record, contraction: &[f64]) {
         let reaches = reaches(record.time_s());
         let contacts = contacts(contraction, self.noise.contraction, &reaches);
@@ -451,11 +448,6 @@ impl Prepared {
             let time_s = record.time_s()[row];
             let kernel = Kernel::at(record.time_s(), time_s, 0.5 * KERNEL_S);
             let rate_per_s = kernel.first(contraction);
-            let place = kernel.value(contraction);
-            let band = SPEED_ERRORS * self.noise.contraction * norm(&kernel.value);
-            let last = self.path.last().copied().unwrap_or(place);
-            // Not `clamp`, which refuses the NaN of a gap; noise must not be a way without end.
-            self.path.push(last.max(place - band).min(place + band));
             // Rows that are farther apart than the kernel reaches show none.
             if !rate_per_s.is_finite() {
                 continue;

@@ -381,6 +381,8 @@ fn forces_on_weight(
     forces: &[ForceRange],
 ) -> Option<Vec<[f64; 3]>> {
     let read = record.measured.column(CONTRACTION)?;
+    // Noise must not be a way without end, nor the way be late by it: bristles are stiff.
+    let smooth = record.smooth.column(CONTRACTION)?;
     let time_s = record.measured.time_s();
     let mut along = Along::new(states);
     let of_row = |row: usize| {
@@ -392,7 +394,7 @@ fn forces_on_weight(
             direction,
             initial_length_m: load.initial_length_m,
         };
-        let place = record.path[row] + contraction[row] - read[row];
+        let place = smooth[row] + contraction[row] - read[row];
         let (weight, lifting_n, doubt_n) = along.advance(load, &at, place);
         let (middle_n, reach_n) = if direction == 0.0 {
             (0.0, weight.static_friction_n)
