@@ -32,6 +32,10 @@ const FALL_KERNEL_S: f64 = 0.01;
 const SPACING: f64 = 2.5;
 /// The begin of a record that is not compared, as the gas may not have been at rest \[s\].
 const SKIP_S: f64 = 0.6;
+/// Relative standard error of the noise's variance as one sample tells it, by simulation of white
+/// noise, and by how many errors two records may differ that have the same noise.
+const NOISE_ERROR: f64 = 4.1;
+const ERRORS_MOST: f64 = 3.0;
 /// A speed is one when it is so many of its standard errors.
 const SPEED_ERRORS: f64 = 5.0;
 /// A way back of less than so many times the noise is none: from a single value that is off by
@@ -68,13 +72,25 @@ pub struct Noise {
 
 impl Noise {
     /// That of sensors whose records are `checked`: a sensor has the same noise in each, and what a
-    /// record shows beyond it is motion that its samples do not resolve.
+    /// record shows beyond it is motion that its samples do not resolve. The least alone would be
+    /// too small by what such an estimate is off.
     fn found(checked: &[Check]) -> Noise {
         let of = |name: &str| {
             let signals = checked.iter().filter_map(|checked| checked.signal(name));
-            let noises = signals.map(|signal| signal.noise);
-            let least = noises.filter(|noise| *noise > 0.0).reduce(f64::min);
-            least.unwrap_or(0.0)
+            let mut found: Vec<(f64, f64)> = signals
+                .filter(|signal| signal.noise > 0.0)
+                .map(|signal| (signal.noise.powi(2), signal.samples as f64))
+                .collect();
+            found.sort_by(|a, b| a.0.total_cmp(&b.0));
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (variance, samples) in found {
+                let error = NOISE_ERROR * (1.0 / samples + 1.0 / f64::max(count, 1.0)).sqrt();
+                if count == 0.0 || variance <= sum / count * (1.0 + ERRORS_MOST * error) {
+                    sum += samples * variance;
+                    count += samples;
+                }
+            }
+            (sum / f64::max(count, 1.0)).sqrt()
         };
         Noise {
             pressure_pa: of(PRESSURE_PA).max(1.0),
@@ -470,6 +486,10 @@ impl Prepared {
             .set(CONTRACTION, without_short_ways(&smooth, least));
         let pressure_pa = record.column(PRESSURE_PA).unwrap_or_default();
         self.smooth_pressure_pa = smoothed(record.time_s(), pressure_pa, self.noise.pressure_pa);
+        if !self.smooth_pressure_pa.is_empty() {
+            self.smooth
+                .set(PRESSURE_PA, self.smooth_pressure_pa.clone());
+        }
         if let Some(gas) = &mut self.gas {
             gas.set(CONTRACTION, smooth);
             self.gas_told = gas_told(gas, &self.smooth_pressure_pa, &self.noise);
