@@ -655,6 +655,9 @@ impl Prepared {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64;
+    use rand_pcg::rand_core::SeedableRng;
 
     /// Rows of 10 ms, with pressure and contraction by the time, and some noise.
     fn record(pressure_pa: impl Fn(f64) -> f64, contraction: impl Fn(f64) -> f64) -> Record {
@@ -675,6 +678,35 @@ mod tests {
                 .collect(),
         );
         record
+    }
+
+    /// The same noise in each of four records, of which the least is too small, and a fifth record
+    /// that moves faster than its samples tell.
+    #[test]
+    fn the_noise_of_a_sensor_is_that_of_its_records_together() {
+        let white = |seed: u64, fast: f64| {
+            let mut rng = Pcg64::seed_from_u64(seed);
+            let normal = Normal::new(0.0, 300.0).expect("a deviation");
+            let mut record = Record::new((0..600).map(|row| 0.01 * f64::from(row)).collect());
+            let pressure_pa = (0..600).map(|row| {
+                let moved = 1e4 * (0.01 * f64::from(row)).sin() + fast * f64::from(row).sin();
+                2e5 + moved + normal.sample(&mut rng)
+            });
+            record.set(PRESSURE_PA, pressure_pa.collect());
+            check(&record)
+        };
+        let sets = (0..40).map(|set| {
+            let mut checks: Vec<Check> = (0..4).map(|n| white(4 * set + n, 0.0)).collect();
+            checks.push(white(1000 + set, 3e3));
+            let noise = |own: &Check| own.signal(PRESSURE_PA).map_or(0.0, |own| own.noise);
+            let least = checks.iter().map(noise).fold(f64::INFINITY, f64::min);
+            [Noise::found(&checks).pressure_pa / 300.0, least / 300.0]
+        });
+        let sums = sets.fold([0.0, 0.0], |sums, set| [sums[0] + set[0], sums[1] + set[1]]);
+        let [found, least] = sums.map(|sum| sum / 40.0);
+        // Of one record 8 %, of four in the mean of forty sets 0.7 %, and its own bias of 3 %.
+        assert!((found - 1.0).abs() < 0.05, "{found}");
+        assert!(least < 0.95, "{least}");
     }
 
     #[test]

@@ -703,6 +703,66 @@ mod tests {
         assert!(lost_n[0] < 0.5 && lost_n[1] > 5.0, "{lost_n:?}");
     }
 
+    /// Noise in the pressure of which the force is made does not make its slope look smaller: α is
+    /// found, beside γ, to within its error in the mean of sixteen records. Of the pressure as it is
+    /// read it would be too small by the noise's share of its variance, 1 in 300.
+    #[test]
+    fn noise_of_the_pressure_takes_nothing_from_the_slope() {
+        let found = (0..16).map(share_and_error_of_alpha);
+        let sums = found.fold([0.0, 0.0], |sums, own| [sums[0] + own[0], sums[1] + own[1]]);
+        let [share, error] = sums.map(|sum| sum / 16.0);
+        let dilution = 2.0 * (MUCH_NOISE_PA / MOVES_PA).powi(2);
+        assert!(error < 0.2 * dilution, "{error}");
+        assert!(share.abs() < 3.0 * error / 4.0, "{share} ± {error} / 4");
+    }
+
+    const MOVES_PA: f64 = 5e4;
+    const MUCH_NOISE_PA: f64 = 2000.0;
+
+    /// By which share α is found too large, and the standard error of that.
+    fn share_and_error_of_alpha(seed: u64) -> [f64; 2] {
+        let text = Rig::REFERENCE_TOML.replace("kind = \"weight\"", "kind = \"prescribed\"");
+        let rig = Rig::parse("rig.toml", &text).expect("a rig");
+        let time_s: Vec<f64> = (0..4000).map(|row| 0.01 * f64::from(row)).collect();
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let mut noise = |sd: f64| Normal::new(0.0, sd).expect("a deviation").sample(&mut rng);
+        let mut record = Record::new(time_s.clone());
+        let contraction = time_s.iter().map(|t| 0.1 + 0.05 * (0.9 * t).sin());
+        let contraction: Vec<f64> = contraction.collect();
+        let pressure_pa = time_s.iter().map(|t| 2e5 + MOVES_PA * (1.7 * t).sin());
+        let pressure_pa: Vec<f64> = pressure_pa.collect();
+        let pairs = contraction.iter().zip(&pressure_pa);
+        let force_n = pairs.map(|(contraction, pressure_pa)| {
+            let pressure = GaugePa(*pressure_pa);
+            rig.nominal.muscle.force_n(*contraction, pressure) + noise(0.5)
+        });
+        record.set(FORCE_N, force_n.collect());
+        let read_pa = pressure_pa.iter().map(|pa| pa + noise(MUCH_NOISE_PA));
+        record.set(PRESSURE_PA, read_pa.collect());
+        record.set(CONTRACTION, contraction);
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let missed = |rig: &Rig| {
+            let ways = prepared[0].ways(rig);
+            let forces = Forces::new(rig, &ways, Force::Read).expect("driven");
+            let residuals = force_residuals(&prepared[0], &forces.settled_n().expect("forces"));
+            DVector::from_vec(residuals.expect("residuals").values)
+        };
+        let own = missed(&rig);
+        let slope = |change: &dyn Fn(&mut Rig)| {
+            let mut other = rig.clone();
+            change(&mut other);
+            (missed(&other) - &own) / 1e-3
+        };
+        let by_alpha = slope(&|rig| rig.nominal.muscle.alpha_m2 *= 1.001);
+        let by_gamma = slope(&|rig| rig.nominal.muscle.gamma_n += 1e-3);
+        let slopes = nalgebra::DMatrix::from_columns(&[by_alpha, by_gamma]);
+        let covariance = (slopes.transpose() * &slopes)
+            .try_inverse()
+            .expect("a slope");
+        let found = -(&covariance * slopes.transpose() * own)[0];
+        [found, covariance[(0, 0)].sqrt()]
+    }
+
     /// About the rig whose residuals have a mean square of 1, the sum of squares changes with the
     /// rig as the negative log density does, in which a larger noise has its price.
     #[test]
