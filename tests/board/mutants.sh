@@ -17,6 +17,10 @@ case ${1:-} in
 --part) IFS=/ read -r part parts <<<"${2:?--part 3/8}" ;;
 *) only=${1:-} ;;
 esac
+if [ -z "$check" ]; then
+    scripts/require.sh mutants cargo git cc pkg-config libclang pip
+    scripts/board-engine.sh
+fi
 
 # Everything is built in the first two; the tests are built once. The copy is elsewhere, as cargo reads
 # the configuration of all folders above.
@@ -27,15 +31,20 @@ target=thumbv7em-none-eabihf
 number=0 tried=0 survivors=0
 export RUST_BACKTRACE=0
 
-rm -rf "$work"
-mkdir -p "$work/original"
-git ls-files -z --cached --others --exclude-standard |
-    tar -c --null --ignore-failed-read -T - 2>/dev/null | tar -x -C "$work/original"
+original=$work/original
+if [ -n "$check" ]; then
+    original=$PWD
+else
+    rm -rf "$work"
+    mkdir -p "$original"
+    git ls-files -z --cached --others --exclude-standard |
+        tar -c --null --ignore-failed-read -T - 2>/dev/null | tar -x -C "$original"
+fi
 
 # Copies the original to $work/tree.
 fresh_copy() {
     rm -rf "$work/tree"
-    cp -a "$work/original" "$work/tree"
+    cp -a "$original" "$work/tree"
 }
 
 build() { (cd "$work/tree" && CARGO_TARGET_DIR=$mutants_dir cargo firmware "$@") >"$work/log" 2>&1; }
@@ -91,7 +100,8 @@ mutant() {
     [[ $name == *$only* ]] || return 0
     number=$((number + 1))
     # Of all, also of those that another part tries.
-    if sed -E "$program" "$work/original/$file" | cmp -s - "$work/original/$file"; then
+    local changed
+    if ! changed=$(sed -E "$program" "$original/$file") || [ "$changed" = "$(<"$original/$file")" ]; then
         printf '%s: NOT APPLIED, %s has changed\n' "$name" "$file"
         tried=$((tried + 1)) survivors=$((survivors + 1))
         return
@@ -117,8 +127,6 @@ if [ -n "$check" ]; then
     . tests/board/mutants.list
     exit $((survivors > 0))
 fi
-scripts/require.sh mutants cargo git cc pkg-config libclang pip
-scripts/board-engine.sh
 tests=$(build_tests) # in a subshell, so that its folder is left again
 fresh_copy
 if [ ! -x "$tests" ] || ! build || ! passes_on_board; then

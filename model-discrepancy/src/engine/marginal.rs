@@ -1010,9 +1010,14 @@ impl<M: Model> Engine<'_, M> {
         let forms = (0..all.len()).filter(|form| all[*form].effect == all[number].effect);
         let has = |form: usize, name| all[form].parameters.iter().any(|own| own.name == name);
         let is_sized = |form: &usize| {
-            let sizes = all[number].parameters.iter();
-            let mut sizes = sizes.filter(|own| own.neutral.is_some());
-            sizes.any(|size| has(*form, size.name))
+            let sizes_of = |one: usize, other: usize| {
+                let mut sizes = all[one]
+                    .parameters
+                    .iter()
+                    .filter(|own| own.neutral.is_some());
+                sizes.any(|size| has(other, size.name))
+            };
+            sizes_of(number, *form) || sizes_of(*form, number)
         };
         let forms = forms.filter(|form| *form != number && is_sized(form));
         let others = forms.map(|form| {

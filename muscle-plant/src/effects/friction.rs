@@ -1,4 +1,4 @@
-//! `friction`: more dry friction on the weight than the nominal rig has.
+//! `friction`: more dry friction on the weight than the nominal rig has, or another.
 
 use super::{
     AddedFriction, CompensationMethod, DISCREPANCY_RATIO, Effect, EffectKind, Equation, Form,
@@ -78,9 +78,10 @@ pub static KIND: EffectKind = EffectKind {
                        friction; dz/dt = v/deflection_m · (1 − sgn(v) · z/g), g = 1 + \
                        (static_ratio − 1) · exp(−(v/(10 mm/s))²)",
             source: "Bristles that deflect before they slide (Canudas de Wit 1995, Olsson et al. \
-                     1998), with a Stribeck speed of 10 mm/s. They carry the nominal friction, too, \
-                     which is that of the same contact.",
-            leaves_out: "the damping of the bristles beside that of the load",
+                     1998), with a Stribeck speed of 10 mm/s. They carry the nominal friction, \
+                     too, as of the same contact, and static_friction_n has no effect.",
+            leaves_out: "the damping of the bristles beside that of the load: a held weight swings \
+                         on them by tenths of a millimetre",
             build: &|values| {
                 Term::Load(Box::new(LuGre {
                     force_n: values[0],
@@ -93,6 +94,8 @@ pub static KIND: EffectKind = EffectKind {
     ],
 };
 
+/// Of bristles, which carry the nominal friction too, as if they carried the added one alone: their
+/// static friction is larger by what the nominal one's ratio differs.
 fn added_friction(effect: &Effect) -> AddedFriction {
     let coulomb_n = effect.value("force_n").unwrap_or(0.0);
     AddedFriction {

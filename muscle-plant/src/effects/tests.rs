@@ -150,8 +150,8 @@ fn every_form_changes_the_signals_and_none_does_at_its_neutral_values() {
             let remaining = difference(effect);
             assert!(remaining < 1e-6, "{what}: {remaining}");
         } else {
-            // A muscle that cannot push, a check valve, and bristles that carry the nominal friction
-            // do not vanish.
+            // A muscle that cannot push, a check valve, and bristles that carry the nominal
+            // friction do not vanish.
             let is_unilateral = kind.name == "slack" || form.name.starts_with("checked");
             assert!(is_unilateral || form.name == "lugre", "{what}");
         }

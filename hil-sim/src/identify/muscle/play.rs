@@ -134,13 +134,13 @@ impl Prepared {
             [1.0, -1.0].map(|end| of(Some(end))).to_vec()
         };
         // Without the gas nothing tells how the reading rings, and all could lie between.
-        let Some(gas) = &self.gas else {
+        if self.gas.is_none() {
             return ways;
-        };
+        }
         for effect in observations(rig) {
             let ahead = ways.iter().filter_map(|way| {
                 // Also what was left out, as no gas has it.
-                let read_pa = gas.column(PRESSURE_PA)?;
+                let read_pa = &self.smooth_pressure_pa;
                 let before_pa = effect.before_sensor_pa(way.time_s(), read_pa)?;
                 let mut way = way.clone().into_owned();
                 way.set(PRESSURE_PA, before_pa);

@@ -35,7 +35,7 @@ const SKIP_S: f64 = 0.6;
 /// Relative standard error of the noise's variance as one sample tells it, by simulation of white
 /// noise, and by how many errors two records may differ that have the same noise.
 const NOISE_ERROR: f64 = 4.1;
-const ERRORS_MOST: f64 = 3.0;
+const POOLED_ERRORS: f64 = 3.0;
 /// A speed is one when it is so many of its standard errors.
 const SPEED_ERRORS: f64 = 5.0;
 /// A way back of less than so many times the noise is none: from a single value that is off by
@@ -85,7 +85,7 @@ impl Noise {
             let (mut sum, mut count) = (0.0, 0.0);
             for (variance, samples) in found {
                 let error = NOISE_ERROR * (1.0 / samples + 1.0 / f64::max(count, 1.0)).sqrt();
-                if count == 0.0 || variance <= sum / count * (1.0 + ERRORS_MOST * error) {
+                if count == 0.0 || variance <= sum / count * (1.0 + POOLED_ERRORS * error) {
                     sum += samples * variance;
                     count += samples;
                 }
@@ -176,9 +176,9 @@ pub(super) struct Prepared {
     /// With the reference and a smoothed contraction, for the gas; without, for force and load.
     pub(super) gas: Option<Record>,
     pub(super) measured: Record,
-    /// As `measured`, with the contraction smoothed and without ways back that noise makes: what
-    /// drives the muscle's memory and the load's. Of those a Bouc–Wen hysteresis would forget a third of its force
-    /// in a second at rest.
+    /// As `measured`, with pressure and contraction smoothed, and the contraction without ways back
+    /// that noise makes: inputs of the muscle's force and of the load's states. Of such ways a
+    /// Bouc–Wen hysteresis would forget a third of its force in a second at rest.
     pub(super) smooth: Record,
     /// Of each row: the pressure with less noise \[Pa\], where it is smooth.
     pub(super) smooth_pressure_pa: Vec<f64>,
@@ -486,9 +486,10 @@ impl Prepared {
             .set(CONTRACTION, without_short_ways(&smooth, least));
         let pressure_pa = record.column(PRESSURE_PA).unwrap_or_default();
         self.smooth_pressure_pa = smoothed(record.time_s(), pressure_pa, self.noise.pressure_pa);
-        if !self.smooth_pressure_pa.is_empty() {
-            self.smooth
-                .set(PRESSURE_PA, self.smooth_pressure_pa.clone());
+        // What is no pressure of the gas stays out.
+        if let Some(pressure_pa) = self.measured.column(PRESSURE_PA) {
+            let smooth = smoothed(record.time_s(), pressure_pa, self.noise.pressure_pa);
+            self.smooth.set(PRESSURE_PA, smooth);
         }
         if let Some(gas) = &mut self.gas {
             gas.set(CONTRACTION, smooth);
@@ -743,8 +744,10 @@ mod tests {
         let judged = |row: &usize| !(300..305).contains(row);
         assert!(prepared.force_rows.iter().all(judged));
         assert!(prepared.force_rows.len() > 500);
-        let pressure_pa = prepared.measured.column(PRESSURE_PA).expect("a pressure");
-        assert!(pressure_pa.iter().all(|pa| pa.is_nan() || *pa > -1e5));
+        for of in [&prepared.measured, &prepared.smooth] {
+            let pressure_pa = of.column(PRESSURE_PA).expect("a pressure");
+            assert!(pressure_pa.iter().all(|pa| pa.is_nan() || *pa > -1e5));
+        }
         let mut places = prepared.places.iter();
         assert!(places.all(|place| place.kernel.rows.clone().all(|row| judged(&row))));
     }

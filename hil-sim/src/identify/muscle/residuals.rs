@@ -704,8 +704,8 @@ mod tests {
     }
 
     /// Noise in the pressure of which the force is made does not make its slope look smaller: α is
-    /// found, beside γ, to within its error in the mean of sixteen records. Of the pressure as it is
-    /// read it would be too small by the noise's share of its variance, 1 in 300.
+    /// found, beside γ, to within its error in the mean of sixteen records. Of the pressure as it
+    /// is read it would be too small by the noise's share of its variance, 1 in 300.
     #[test]
     fn noise_of_the_pressure_takes_nothing_from_the_slope() {
         let found = (0..16).map(share_and_error_of_alpha);
