@@ -142,9 +142,10 @@ fn tanks_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     figures.push(computed(TANKS, "V", "Torricelli", outcome.calibrated));
     figures.push(computed(TANKS, "V", &named(&outcome), outcome.after));
     let unnamed = |plant: Plant<_>| plant.with_formulas(&["outflow-law"], formula::outflows());
-    let (method, found) = by_formula(&unnamed(plant))?;
-    let by_formula = error(&Engine::new(&unnamed(simulated)), &found)?;
-    figures.push(computed(TANKS, "V", &method, by_formula));
+    if let Some((method, found)) = by_formula(&unnamed(plant)) {
+        let left = error(&Engine::new(&unnamed(simulated)), &found)?;
+        figures.push(computed(TANKS, "V", &method, left));
+    }
     Some((outcome, figures))
 }
 
@@ -280,10 +281,11 @@ fn axis_of(folder: &Path) -> Option<(Outcome, Vec<Figure>)> {
     figures.push(computed(POSITION, "mm", &method, after.1));
     let unnamed = ["asymmetric-friction", "drag", "friction-along-screw"];
     let plant = plant.with_formulas(&unnamed, formula::friction());
-    let (method, found) = by_formula(&plant)?;
-    let (force, position) = of(&plant, &found.fit);
-    figures.push(computed(FORCE, "%", &method, force));
-    figures.push(computed(POSITION, "mm", &method, position));
+    if let Some((method, found)) = by_formula(&plant) {
+        let (force, position) = of(&plant, &found.fit);
+        figures.push(computed(FORCE, "%", &method, force));
+        figures.push(computed(POSITION, "mm", &method, position));
+    }
     figures.sort_by_key(|figure| figure.measure != FORCE);
     Some((outcome, figures))
 }

@@ -57,9 +57,11 @@ impl<L: Law> Plant<L> {
         }
     }
 
-    /// The same with the terms of formulas in the place of these effects.
+    /// The same with the terms of formulas in the place of these effects of its catalogue.
     #[must_use]
     pub fn with_formulas(mut self, effects: &[&str], terms: Vec<Candidate>) -> Plant<L> {
+        let is_there = |effect: &&str| self.candidates.iter().any(|own| own.effect == *effect);
+        debug_assert!(effects.iter().all(is_there), "{effects:?}");
         let is_kept = |own: &Candidate| !effects.contains(&own.effect);
         self.candidates.retain(is_kept);
         self.candidates.extend(terms);
