@@ -17,10 +17,6 @@ case ${1:-} in
 --part) IFS=/ read -r part parts <<<"${2:?--part 3/8}" ;;
 *) only=${1:-} ;;
 esac
-if [ -z "$check" ]; then
-    scripts/require.sh mutants cargo git cc pkg-config libclang pip
-    scripts/board-engine.sh
-fi
 
 # Everything is built in the first two; the tests are built once. The copy is elsewhere, as cargo reads
 # the configuration of all folders above.
@@ -31,10 +27,11 @@ target=thumbv7em-none-eabihf
 number=0 tried=0 survivors=0
 export RUST_BACKTRACE=0
 
-original=$work/original
-if [ -n "$check" ]; then
-    original=$PWD
-else
+original=$PWD
+if [ -z "$check" ]; then
+    scripts/require.sh mutants cargo git cc pkg-config libclang pip
+    scripts/board-engine.sh
+    original=$work/original
     rm -rf "$work"
     mkdir -p "$original"
     git ls-files -z --cached --others --exclude-standard |

@@ -9,7 +9,7 @@ use crate::record::{CONTRACTION, PRESSURE_PA, PRESSURE_REF_PA, Record, TIME_S};
 use crate::rig::{Rig, effect_toml};
 use model_discrepancy::engine::{Active, Engine, Hypothesis, Model};
 use model_discrepancy::rows::Timeline;
-use model_discrepancy::verdict::Selection;
+use model_discrepancy::verdict::{Selection, probability};
 use muscle_plant::effects::{Catalogue, EffectKind};
 use muscle_plant::nominal::Load;
 use serde::Serialize;
@@ -244,15 +244,15 @@ pub(super) fn terms(
             };
             (parameter.name, estimate)
         });
-        let sets = selection.posterior.iter();
-        let with = sets.filter(|set| set.effects.contains(&own.effect));
         Some(Term {
             name: kind.name,
             place: kind.subsystem.name(),
             expression: kind.form(own.form)?.equation,
             constants: tables.get(kind.name).map(constants).unwrap_or_default(),
             parameters: parameters.collect(),
-            probability: with.map(|set| set.probability).sum::<f64>().min(1.0),
+            probability: probability(&selection.posterior, |set| {
+                set.effects.contains(&own.effect)
+            }),
         })
     };
     taken

@@ -1008,16 +1008,17 @@ impl<M: Model> Engine<'_, M> {
     fn other_forms(&self, (number, values): (usize, &[f64])) -> Vec<Active> {
         let all = self.model.candidates();
         let forms = (0..all.len()).filter(|form| all[*form].effect == all[number].effect);
-        let has = |form: usize, name| all[form].parameters.iter().any(|own| own.name == name);
+        let is_size = |own: &Parameter, other: &Parameter| {
+            own.name == other.name && (own.neutral.is_some() || other.neutral.is_some())
+        };
         let is_sized = |form: &usize| {
-            let sizes_of = |one: usize, other: usize| {
-                let mut sizes = all[one]
+            let mut parameters = all[number].parameters.iter();
+            parameters.any(|own| {
+                all[*form]
                     .parameters
                     .iter()
-                    .filter(|own| own.neutral.is_some());
-                sizes.any(|size| has(other, size.name))
-            };
-            sizes_of(number, *form) || sizes_of(*form, number)
+                    .any(|other| is_size(own, other))
+            })
         };
         let forms = forms.filter(|form| *form != number && is_sized(form));
         let others = forms.map(|form| {

@@ -134,7 +134,7 @@ impl Prepared {
             [1.0, -1.0].map(|end| of(Some(end))).to_vec()
         };
         // Without the gas nothing tells how the reading rings, and all could lie between.
-        if self.gas.is_none() {
+        if self.gas.is_none() || self.smooth_pressure_pa.is_empty() {
             return ways;
         }
         for effect in observations(rig) {

@@ -82,15 +82,16 @@ impl Noise {
                 .map(|signal| (signal.noise.powi(2), signal.samples as f64))
                 .collect();
             found.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let (mut sum, mut count) = (0.0, 0.0);
+            let mut found = found.into_iter();
+            let (mut pooled, mut count) = found.next().unwrap_or((0.0, 1.0));
             for (variance, samples) in found {
-                let error = NOISE_ERROR * (1.0 / samples + 1.0 / f64::max(count, 1.0)).sqrt();
-                if count == 0.0 || variance <= sum / count * (1.0 + POOLED_ERRORS * error) {
-                    sum += samples * variance;
+                let error = NOISE_ERROR * (1.0 / samples + 1.0 / count).sqrt();
+                if variance <= pooled * (1.0 + POOLED_ERRORS * error) {
+                    pooled = (count * pooled + samples * variance) / (count + samples);
                     count += samples;
                 }
             }
-            (sum / f64::max(count, 1.0)).sqrt()
+            pooled.sqrt()
         };
         Noise {
             pressure_pa: of(PRESSURE_PA).max(1.0),
