@@ -753,11 +753,11 @@ impl MuscleModel {
             FORCE => {
                 let ways = record.ways(&rig);
                 let forces = Forces::new(&rig, &ways, Force::Read)?;
-                let fading = record.fading_forces(&forces)?;
+                let fading = record.fading(&forces)?;
                 // What differs from run to run is known with the zeros in it.
                 let zeros = zeros && self.repeatability_n.is_none();
                 let known = || record.zeros_of_force(&self.rig);
-                let zeros = zeros.then(|| record.zeros.of_force.get_or_init(known).clone());
+                let zeros = zeros.then(|| &record.zeros.of_force.get_or_init(known)[..]);
                 let zeros = zeros.unwrap_or_default();
                 let residuals = |forces: &[ForceRange]| force_residuals(record, forces);
                 begun(&forces, &fading, zeros, begin, residuals)
@@ -766,14 +766,14 @@ impl MuscleModel {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
                 let force_read = self.blocks.contains(&FORCE);
                 let known = || record.zeros_of_balances(&self.rig, force_read);
-                let zeros = zeros.then(|| record.zeros.of_balances.get_or_init(known).clone());
+                let zeros = zeros.then(|| &record.zeros.of_balances.get_or_init(known)[..]);
                 let zeros = zeros.unwrap_or_default();
                 let mut residuals = if force_read {
-                    without(balances(&measured_n(record, &rig)?)?, &zeros, None)
+                    without(balances(&measured_n(record, &rig)?)?, zeros, None)
                 } else {
                     let ways = record.ways(&rig);
                     let forces = Forces::new(&rig, &ways, Force::True)?;
-                    let fading = record.fading_balances(&forces)?;
+                    let fading = record.fading(&forces)?;
                     begun(&forces, &fading, zeros, begin, balances)?
                 };
                 rig.nominal.load = Load::Prescribed;

@@ -11,7 +11,7 @@
 //!
 //! All of it is estimated from each record, the predicted ones too, and counts by how likely it is.
 
-use super::force::{ForceRange, Forces};
+use super::force::{Fading, ForceRange, Forces};
 use model_discrepancy::least_squares::{Linearized, Prior, Residuals, Slopes, loss};
 use nalgebra::{DMatrix, DVector};
 
@@ -79,70 +79,122 @@ impl Begin {
 /// a motion before may have left in effects with a memory and in those that fade, as `fading` says
 /// for each of their states. `zeros` says the same of each sensor's zero, off by its standard
 /// deviation.
+///
+/// A state that is off changes the force's slope by pressure, too: residuals are taken once more
+/// with the slope that it has where the states are found. With that of an effect which its begin
+/// has taken back all residuals would look smaller.
 pub(super) fn begun(
     forces: &Forces,
-    fading: &[Vec<f64>],
-    mut zeros: Vec<Vec<f64>>,
+    fading: &[Fading],
+    zeros: &[Vec<f64>],
     begin: Option<&Begin>,
     residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
 ) -> Option<Residuals> {
-    let likely = |n: &Vec<f64>| n.iter().map(|n| SPREAD * n).collect::<Vec<f64>>();
-    zeros.extend(fading.iter().map(likely));
-    let unknown = zeros;
-    if !forces.remembers() {
-        return Some(without(residuals(&forces.settled_n()?)?, &unknown, None));
-    }
-    match begin {
-        Some(begin) => {
-            let begun = residuals(&forces.begun_n(begin.share)?)?;
-            Some(without(begun, &unknown, Some(begin)))
+    let found = |off: &[f64]| {
+        let own = Own {
+            fading,
+            zeros,
+            residuals: |forces: &[ForceRange]| residuals(&sloped(forces, fading, off)),
+        };
+        if !forces.remembers() {
+            return own.without(&forces.settled_n()?, None);
         }
-        None => begun_best(forces, &unknown, residuals),
+        match begin {
+            Some(begin) => own.without(&forces.begun_n(begin.share)?, Some(begin)),
+            None => own.begun_best(forces),
+        }
+    };
+    let settled = found(&[])?;
+    if fading.is_empty() {
+        return Some(settled);
     }
+    let told = settled.values.len() - UNKNOWNS + zeros.len();
+    found(&settled.values[told..told + fading.len()])
 }
 
-/// The same with the memory that fits best.
-fn begun_best(
-    forces: &Forces,
-    unknown: &[Vec<f64>],
-    residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
-) -> Option<Residuals> {
-    let ends = forces.ends()?;
-    let [out, drawn_in] = [0, 1].map(|end| residuals(&ends.forces_n(end)?));
-    let mut around = [(-1.0, out?), (1.0, drawn_in?)];
-    let mut expected = between(&around, unknown);
-    let mut best: Option<(f64, Residuals)> = None;
-    for _ in 0..BEGINS {
-        let (share, cost) = expected;
-        let begun = residuals(&forces.between_n(&ends, share)?)?;
-        let left = without(begun.clone(), unknown, Some(&Begin::at(share)));
-        let found = left.outside().map(loss).sum::<f64>();
-        let is_known = (found - cost).abs() < KNOWN;
-        if best.as_ref().is_none_or(|(least, _)| found < *least) {
-            best = Some((found, left));
-        }
-        if is_known {
-            break;
-        }
-        // No law is in proportion to the share: on which side of this one there is more to gain.
-        let [low, high] = around.clone();
-        let sides = [[low, (share, begun.clone())], [(share, begun), high]];
-        let wide = sides
-            .into_iter()
-            .filter(|[low, high]| high.0 - low.0 > NARROW);
-        let sought = wide.map(|side| (between(&side, unknown), side));
-        let Some(next) = sought.min_by(|a, b| a.0.1.total_cmp(&b.0.1)) else {
-            break;
-        };
-        let width = |around: &[(f64, Residuals); 2]| around[1].0 - around[0].0;
-        let is_slow = width(&next.1) > 0.5 * width(&around);
-        (expected, around) = next;
-        if is_slow {
-            // From one end alone it would be approached in small steps.
-            expected = (0.5 * (around[0].0 + around[1].0), f64::NAN);
+/// `forces` with the slopes that they have where states that fade are so many deviations `off`.
+fn sloped(forces: &[ForceRange], fading: &[Fading], off: &[f64]) -> Vec<ForceRange> {
+    let mut forces = forces.to_vec();
+    for (fading, off) in fading.iter().zip(off) {
+        for (force, slope_m2) in forces.iter_mut().zip(&fading.per_pressure_m2) {
+            force.per_pressure_m2 += SPREAD * off * slope_m2;
         }
     }
-    best.map(|(_, left)| left)
+    forces
+}
+
+/// What a record has of its own, and the residuals that its muscle's forces leave.
+struct Own<'a, R> {
+    fading: &'a [Fading],
+    zeros: &'a [Vec<f64>],
+    residuals: R,
+}
+
+impl<R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'_, R> {
+    /// How residuals change by what is unknown, each off by its standard deviation.
+    fn unknown(&self, forces: &[ForceRange], left: &Residuals) -> Option<Vec<Vec<f64>>> {
+        let mut unknown = self.zeros.to_vec();
+        for fading in self.fading {
+            let added = |(force, n): (&ForceRange, &f64)| ForceRange {
+                least_n: force.least_n + SPREAD * n,
+                most_n: force.most_n + SPREAD * n,
+                ..*force
+            };
+            let off: Vec<ForceRange> = forces.iter().zip(&fading.force_n).map(added).collect();
+            let off = (self.residuals)(&off)?.values;
+            unknown.push(off.iter().zip(&left.values).map(|(a, b)| a - b).collect());
+        }
+        Some(unknown)
+    }
+
+    fn without(&self, forces: &[ForceRange], memory: Option<&Begin>) -> Option<Residuals> {
+        let left = (self.residuals)(forces)?;
+        let unknown = self.unknown(forces, &left)?;
+        Some(without(left, &unknown, memory))
+    }
+
+    /// The same with the memory that fits best.
+    fn begun_best(&self, forces: &Forces) -> Option<Residuals> {
+        let ends = forces.ends()?;
+        let out_n = ends.forces_n(0)?;
+        let out = (self.residuals)(&out_n)?;
+        let unknown = self.unknown(&out_n, &out)?;
+        let mut around = [(-1.0, out), (1.0, (self.residuals)(&ends.forces_n(1)?)?)];
+        let mut expected = between(&around, &unknown);
+        let mut best: Option<(f64, Residuals)> = None;
+        for _ in 0..BEGINS {
+            let (share, cost) = expected;
+            let begun = (self.residuals)(&forces.between_n(&ends, share)?)?;
+            let left = without(begun.clone(), &unknown, Some(&Begin::at(share)));
+            let found = left.outside().map(loss).sum::<f64>();
+            let is_known = (found - cost).abs() < KNOWN;
+            if best.as_ref().is_none_or(|(least, _)| found < *least) {
+                best = Some((found, left));
+            }
+            if is_known {
+                break;
+            }
+            // No law is in proportion to the share: on which side of this one there is more to
+            // gain.
+            let [low, high] = around.clone();
+            let sides = [[low, (share, begun.clone())], [(share, begun), high]];
+            let wide = sides
+                .into_iter()
+                .filter(|[low, high]| high.0 - low.0 > NARROW);
+            let sought = wide.map(|side| (between(&side, &unknown), side));
+            let Some(next) = sought.min_by(|a, b| a.0.1.total_cmp(&b.0.1)) else {
+                break;
+            };
+            let width = |around: &[(f64, Residuals); 2]| around[1].0 - around[0].0;
+            let is_slow = width(&next.1) > 0.5 * width(&around);
+            (expected, around) = next;
+            if is_slow {
+                // From one end alone it would be approached in small steps.
+                expected = (0.5 * (around[0].0 + around[1].0), f64::NAN);
+            }
+        }
+        best.map(|(_, left)| left)
+    }
 }
 
 /// At which share the memory most likely begins between two at which the residuals are known, as if
@@ -238,7 +290,8 @@ mod tests {
     fn fading_n(rig: &Rig, record: &Record) -> Vec<Vec<f64>> {
         let records = [Cow::Borrowed(record)];
         let forces = Forces::new(rig, &records, Force::True).expect("driven");
-        forces.fading_n().expect("fading")
+        let fading = forces.fading().expect("fading").into_iter();
+        fading.map(|own| own.force_n).collect()
     }
 
     /// The begin of a record is off by what a step before it has left: `fading_n` says how that

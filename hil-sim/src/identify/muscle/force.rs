@@ -4,7 +4,7 @@ use crate::identify::inputs::Inputs;
 use crate::record::Record;
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use muscle_plant::effects::Observation;
+use muscle_plant::effects::{DecayingForce, Observation};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
 use muscle_plant::subsystem::sensors::Reading;
@@ -37,6 +37,15 @@ pub(super) struct ForceRange {
     pub(super) most_n: f64,
     /// Its slope by the pressure's reading \[m²\]; 0 where the force itself is read.
     pub(super) per_pressure_m2: f64,
+}
+
+/// What a state that fades adds where it was one unit too large at the begin.
+#[derive(Default)]
+pub(super) struct Fading {
+    /// To the force, row by row \[N\].
+    pub(super) force_n: Vec<f64>,
+    /// To its slope by the pressure's reading \[m²\].
+    pub(super) per_pressure_m2: Vec<f64>,
 }
 
 /// A muscle that is driven through a record.
@@ -128,9 +137,9 @@ impl<'a> Forces<'a> {
     }
 
     /// What each state of the muscle that fades adds to the force where it was one unit too large
-    /// at the begin, row by row \[N\].
-    pub(super) fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
-        self.0.first().map_or(Some(Vec::new()), Driven::fading_n)
+    /// at the begin.
+    pub(super) fn fading(&self) -> Option<Vec<Fading>> {
+        self.0.first().map_or(Some(Vec::new()), Driven::fading)
     }
 }
 
@@ -197,25 +206,39 @@ impl<'a> Driven<'a> {
         Some((forces_n, ends.per_pressure_m2.clone()))
     }
 
-    fn fading_n(&self) -> Option<Vec<Vec<f64>>> {
+    fn fading(&self) -> Option<Vec<Fading>> {
         let Driven { plant, inputs, .. } = self;
-        let mut all: Vec<Vec<f64>> = Vec::new();
+        let mut all: Vec<Fading> = Vec::new();
         let mut states = [vec![0.0; plant.states()]];
         for row in 0..inputs.time_s.len() {
             self.advance(row, &mut states, [None])?;
-            let since_s = inputs.time_s[row] - inputs.time_s[0];
-            let at = plant.muscle_point(inputs.time_s[row], &states[0]);
-            let fading = self.observations.iter().flat_map(|(range, effect)| {
-                effect.decaying_forces(&at, &plant.muscle.law, &states[0][range.clone()])
-            });
-            for (number, decaying) in fading.enumerate() {
-                if row == 0 {
-                    all.push(Vec::with_capacity(inputs.time_s.len()));
-                }
-                all[number].push(decaying.force_n * (-since_s / decaying.time_constant_s).exp());
-            }
-            if all.is_empty() {
+            let [state] = &mut states;
+            let (time_s, since_s) = (inputs.time_s[row], inputs.time_s[row] - inputs.time_s[0]);
+            let forces_n = |state: &[f64]| -> Vec<f64> {
+                let at = plant.muscle_point(time_s, state);
+                let of = |(range, effect): &(Range<usize>, Box<dyn Observation>)| {
+                    effect.decaying_forces(&at, &plant.muscle.law, &state[range.clone()])
+                };
+                let decaying = self.observations.iter().flat_map(of);
+                let left =
+                    |own: DecayingForce| own.force_n * (-since_s / own.time_constant_s).exp();
+                decaying.map(left).collect()
+            };
+            let own_n = forces_n(state);
+            if own_n.is_empty() {
                 break;
+            }
+            all.resize_with(own_n.len(), Fading::default);
+            let is_sloped = row % SLOPE_ROWS == 0;
+            let moved_n = is_sloped.then(|| self.moved(time_s, state, forces_n));
+            for (number, own) in all.iter_mut().enumerate() {
+                own.force_n.push(own_n[number]);
+                let slope_m2 = match (&moved_n, own.per_pressure_m2.last()) {
+                    (None, Some(last)) => *last,
+                    (Some(moved_n), _) => (moved_n[number] - own_n[number]) / PRESSURE_STEP_PA,
+                    (None, None) => 0.0,
+                };
+                own.per_pressure_m2.push(slope_m2);
             }
         }
         Some(all)
@@ -259,6 +282,12 @@ impl<'a> Driven<'a> {
 
     /// What a change of the pressure's reading makes of the force of the muscle in `state` \[m²\].
     fn per_pressure_m2(&self, time_s: f64, state: &mut [f64], force_n: f64) -> f64 {
+        let moved_n = self.moved(time_s, state, |state| self.force_n(time_s, state));
+        (moved_n - force_n) / PRESSURE_STEP_PA
+    }
+
+    /// `of` the muscle in `state`, with a pressure that reads [`PRESSURE_STEP_PA`] more.
+    fn moved<T>(&self, time_s: f64, state: &mut [f64], of: impl Fn(&[f64]) -> T) -> T {
         let pressure_pa = state[PRESSURE];
         let truth_pa = |pressure_pa| {
             let reading = Reading {
@@ -270,9 +299,9 @@ impl<'a> Driven<'a> {
         };
         let step_pa = truth_pa(PRESSURE_STEP_PA) - truth_pa(0.0);
         state[PRESSURE] = pressure_pa + step_pa;
-        let slope_m2 = (self.force_n(time_s, state) - force_n) / PRESSURE_STEP_PA;
+        let moved = of(state);
         state[PRESSURE] = pressure_pa;
-        slope_m2
+        moved
     }
 
     /// Forces in the first rows from several begins, settled or leaning by a share, and from which

@@ -3,7 +3,7 @@
 use super::along::Along;
 use super::begin::without;
 use super::finer::{finer, parts};
-use super::force::{ForceRange, Forces};
+use super::force::{Fading, ForceRange, Forces};
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
 use super::thinned::at_rows;
@@ -204,29 +204,12 @@ pub(super) fn force_residuals(record: &Prepared, forces: &[ForceRange]) -> Optio
 }
 
 impl Prepared {
-    /// What states that were off at the begin add to the force, row by row \[N\]; none where they
-    /// were settled.
-    fn fading_n(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
+    /// What states that were off at the begin add to the force; none where they were settled.
+    pub(super) fn fading(&self, forces: &Forces) -> Option<Vec<Fading>> {
         if self.settled {
             return Some(Vec::new());
         }
-        forces.fading_n()
-    }
-
-    /// How states that were off at the begin change the residuals of the force.
-    pub(super) fn fading_forces(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
-        let rows = || self.force_rows.iter().zip(&self.per_force_noise);
-        let fading = self.fading_n(forces)?.into_iter();
-        let fading = fading.map(|n| rows().map(|(row, per_noise)| n[*row] * per_noise).collect());
-        Some(fading.collect())
-    }
-
-    /// How they change those of the load's balance, where that stands for the muscle's force too.
-    pub(super) fn fading_balances(&self, forces: &Forces) -> Option<Vec<Vec<f64>>> {
-        let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
-        let fading = self.fading_n(forces)?.into_iter();
-        let fading = fading.map(|n| self.places.iter().map(|place| at(place, &n)).collect());
-        Some(fading.collect())
+        forces.fading()
     }
 
     /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever
@@ -631,8 +614,8 @@ mod tests {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
-        let fading = prepared.fading_forces(&forces).expect("fading");
-        let best = begun(&forces, &fading, Vec::new(), None, residuals)
+        let fading = prepared.fading(&forces).expect("fading");
+        let best = begun(&forces, &fading, &[], None, residuals)
             .expect("residuals")
             .values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
@@ -650,7 +633,7 @@ mod tests {
             let mut rig = rig.clone();
             rig.effects[0].values[0] *= larger;
             let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
-            let near = begun(&forces, &fading, Vec::new(), Some(&begin), residuals);
+            let near = begun(&forces, &fading, &[], Some(&begin), residuals);
             DVector::from_vec(near.expect("residuals").values)
         };
         let own = near(1.0);
