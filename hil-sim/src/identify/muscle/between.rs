@@ -19,9 +19,10 @@ const HALF_PART_S: f64 = 0.005;
 /// So many standard deviations of a reading's noise are no miss.
 const MISS_NOISES: f64 = 3.0;
 
-/// Rows at half the distance leave a quarter: where a motion begins its curvature jumps, and
-/// neither a straight line nor a cubic follows that. What changes is three times what is left.
-const LESS: f64 = 3.0;
+/// Rows at half the distance leave these shares at least and at most: a quarter where the curvature
+/// of a motion jumps, as at its begin, which neither a straight line nor a cubic follows; 2^(−3/2)
+/// where its speed jumps, as on a stop, and so do half as many rows beside it.
+const LEFT: [f64; 2] = [0.25, 0.354];
 
 /// What is known of the pressure between rows, in each interval or about each row.
 #[derive(Clone, Copy, Default)]
@@ -87,39 +88,55 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
 
 /// How far the gas may be off for what the contraction does between its rows, row by row \[Pa\]:
 /// what leaving out every second row changes, by what rows at half the distance leave less of it
-/// (Richardson).
+/// (Richardson). How much they leave is told by that change and the one before it, of leaving out
+/// half of the rest.
 fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
     let gas = record.gas.as_ref()?;
-    let (time_s, contraction) = (gas.time_s(), gas.column(CONTRACTION)?);
-    let whole_pa = gas_pressures_pa(record, rig.clone(), gas, 0.0)?;
-    let mut squares = vec![0.0; time_s.len()];
+    let of = |gas: &Record| gas_pressures_pa(record, rig.clone(), gas, 0.0);
+    let thinned_pa = |first: usize, step: usize| of(&filled(gas, first, step)?);
+    let whole_pa = of(gas)?;
+    let (mut squares, mut before) = (vec![0.0; whole_pa.len()], 0.0);
     for first in 0..2 {
-        let kept: Vec<usize> = (first..time_s.len()).step_by(2).collect();
-        let of = |values: &[f64]| kept.iter().map(|row| values[*row]).collect::<Vec<f64>>();
-        let (kept_s, known) = (of(time_s), of(contraction));
-        let mut halved = contraction.to_vec();
-        for (place, pair) in kept.windows(2).enumerate() {
-            let row = pair[0] + 1;
-            let share = (time_s[row] - kept_s[place]) / (kept_s[place + 1] - kept_s[place]);
-            halved[row] = match is_far(time_s[row] - time_s[row - 1]) {
-                true => cubic(&kept_s, &known, place, share),
-                false => known[place] + share * (known[place + 1] - known[place]),
-            };
-        }
-        let mut other = gas.clone();
-        other.set(CONTRACTION, halved);
-        let halved_pa = gas_pressures_pa(record, rig.clone(), &other, 0.0)?;
-        for (square, (halved, whole)) in squares.iter_mut().zip(halved_pa.iter().zip(&whole_pa)) {
-            *square += 0.5 * ((halved - whole) / LESS).powi(2);
+        let (half_pa, quarter_pa) = (thinned_pa(first, 2)?, thinned_pa(first, 4)?);
+        let rows = squares.iter_mut().zip(&whole_pa);
+        for ((square, whole), (half, quarter)) in rows.zip(half_pa.iter().zip(&quarter_pa)) {
+            *square += 0.5 * (half - whole).powi(2);
+            before += 0.5 * (quarter - half).powi(2);
         }
     }
+    let left = (squares.iter().sum::<f64>() / before).sqrt();
+    // Without any change it is no number, and whatever it is makes no doubt.
+    let left = left.max(LEFT[0]).min(LEFT[1]);
     // It goes through zero between two places of doubt.
     let about = |row: usize| {
         let rows = row.saturating_sub(2)..(row + 3).min(squares.len());
         let count = rows.len() as f64;
-        (squares[rows].iter().sum::<f64>() / count).sqrt()
+        let changed_pa = (squares[rows].iter().sum::<f64>() / count).sqrt();
+        changed_pa * left / (1.0 - left)
     };
     Some((0..squares.len()).map(about).collect())
+}
+
+/// `gas` with one of `step` rows from the `first` on, and between these the contraction as it is
+/// taken to be between rows.
+fn filled(gas: &Record, first: usize, step: usize) -> Option<Record> {
+    let (time_s, contraction) = (gas.time_s(), gas.column(CONTRACTION)?);
+    let kept: Vec<usize> = (first..time_s.len()).step_by(step).collect();
+    let of = |values: &[f64]| kept.iter().map(|row| values[*row]).collect::<Vec<f64>>();
+    let (kept_s, known) = (of(time_s), of(contraction));
+    let mut filled = contraction.to_vec();
+    for (place, pair) in kept.windows(2).enumerate() {
+        for row in pair[0] + 1..pair[1] {
+            let share = (time_s[row] - kept_s[place]) / (kept_s[place + 1] - kept_s[place]);
+            filled[row] = match is_far(time_s[row] - time_s[row - 1]) {
+                true => cubic(&kept_s, &known, place, share),
+                false => known[place] + share * (known[place + 1] - known[place]),
+            };
+        }
+    }
+    let mut other = gas.clone();
+    other.set(CONTRACTION, filled);
+    Some(other)
 }
 
 /// By how much the mean of a smooth pressure about a row is above straight lines between the rows
@@ -246,6 +263,47 @@ mod tests {
             coarse.set(name, values.iter().step_by(FINER).copied().collect());
         }
         (fine, coarse)
+    }
+
+    /// A weight that swings at 3 Hz after steps: what its motion between rows 50 ms apart makes of
+    /// the gas is as large as it is said to be, within a factor of two.
+    #[test]
+    fn what_is_not_known_between_rows_is_doubted_as_much_as_it_is_off() {
+        let rig = Rig::reference();
+        let time_s: Vec<f64> = (0..20_000).map(|row| 1e-3 * f64::from(row)).collect();
+        let mut drive = Record::new(time_s.clone());
+        let step_pa = |t: &f64| [2.5e5, 3.2e5, 2.8e5, 3.6e5][(t / 1.5) as usize % 4];
+        drive.set(PRESSURE_REF_PA, time_s.iter().map(step_pa).collect());
+        let first = |value: f64| {
+            let rows = (0..time_s.len()).map(|row| if row == 0 { value } else { f64::NAN });
+            rows.collect()
+        };
+        drive.set(PRESSURE_PA, first(2.5e5));
+        drive.set(CONTRACTION, first(0.1));
+        let run = simulate(&rig, &drive, TOLERANCE).expect("a run");
+        let mut coarse = Record::new(time_s.iter().step_by(FINER).copied().collect());
+        for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
+            let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
+            let values = values.or_else(|| run.column(name)).expect("the column");
+            coarse.set(name, values.iter().step_by(FINER).copied().collect());
+        }
+        let prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
+        let gas = prepared[0].gas.as_ref().expect("a reference");
+        let doubts_pa = gas_doubts_pa(&prepared[0], &rig).expect("doubts");
+        let simulated_pa = gas_pressures_pa(&prepared[0], rig, gas, 0.0).expect("pressures");
+        let read_pa = coarse.column(PRESSURE_PA).expect("a pressure");
+        let rms = |of: &dyn Fn(usize) -> f64| {
+            let rows = 20..read_pa.len();
+            let count = rows.len() as f64;
+            (rows.map(|row| of(row).powi(2)).sum::<f64>() / count).sqrt()
+        };
+        let (off_pa, doubt_pa) = (
+            rms(&|row| simulated_pa[row] - read_pa[row]),
+            rms(&|row| doubts_pa[row]),
+        );
+        assert!(off_pa > 200.0, "{off_pa}");
+        let ratio = doubt_pa / off_pa;
+        assert!((0.5..2.0).contains(&ratio), "{doubt_pa} of {off_pa}");
     }
 
     /// A valve that is later than the rig's by 12 ms: each reading misses a sixtieth of a step, and
