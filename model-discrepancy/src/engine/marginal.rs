@@ -10,6 +10,7 @@ use crate::least_squares::{Residuals, Slopes, at, broyden};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
@@ -820,7 +821,7 @@ impl<M: Model> Engine<'_, M> {
         priors.extend(laws.iter().flat_map(Law::priors));
         let (mut left, mut shown, mut products) = (Vec::new(), Vec::new(), Vec::new());
         for (place, block) in blocks.iter().enumerate() {
-            let (rows, merged) = self.rows_of(blocks, *block, &found);
+            let (rows, merged) = self.rows_of(blocks, *block, (&hypothesis, &found));
             let wholes: Vec<DVector<f64>> = laws
                 .iter()
                 .map(|law| in_bases(&law.whole, &rows, &merged))
@@ -905,25 +906,22 @@ impl<M: Model> Engine<'_, M> {
 
     /// The rows of `block` among the residuals of `blocks` over all records, each with those that
     /// it merges.
-    fn rows_of(&self, blocks: &[usize], block: usize, found: &Found) -> (Rows, Vec<Range<usize>>) {
+    fn rows_of(
+        &self,
+        blocks: &[usize],
+        block: usize,
+        (hypothesis, found): (&Hypothesis, &Found),
+    ) -> (Rows, Vec<Range<usize>>) {
         let (mut rows, mut merged) = (Rows::default(), Vec::new());
         let mut first = 0;
         for record in 0..self.model.records() {
             for own in blocks {
                 let count = self.model.rows(record, *own);
                 if own == &block {
-                    let own = first..first + count;
-                    let left = &found.residuals;
-                    let found = (&left.values[own.clone()], &left.slack[own]);
-                    let rests = !self.model.proportional(block);
-                    let given = rests.then(|| match self.as_given(record, block) {
-                        Some(given) => (&given.values[..], &given.slack[..]),
-                        None => found,
-                    });
                     rows.add(
                         &self.model.timeline(record, block),
-                        found,
-                        given,
+                        &found.residuals.slack[first..first + count],
+                        &self.as_given(record, block, hypothesis),
                         (first, &mut merged),
                     );
                 }
@@ -933,16 +931,31 @@ impl<M: Model> Engine<'_, M> {
         (rows, merged)
     }
 
-    /// Residuals of a block over a record with nominal values as given and no effects, each
-    /// computed once; none without a solution.
-    fn as_given(&self, record: usize, block: usize) -> Option<&Residuals> {
-        let residuals = || {
-            let nominal = vec![0.0; self.model.nominal_blocks().len()];
-            let residuals = self.model.residuals(record, block, &nominal, &[]);
+    /// Residuals of a block in which a load may rest over a record, with nominal values as given:
+    /// without effects, computed once, and with those of a hypothesis; those that have a solution.
+    fn as_given(
+        &self,
+        record: usize,
+        block: usize,
+        hypothesis: &Hypothesis,
+    ) -> Vec<Cow<'_, Residuals>> {
+        if self.model.proportional(block) {
+            return Vec::new();
+        }
+        let nominal = vec![0.0; self.model.nominal_blocks().len()];
+        let residuals = |effects: &[Active]| {
+            let residuals = self.model.residuals(record, block, &nominal, effects);
             residuals.filter(Residuals::finite)
         };
         let place = record * self.model.blocks().len() + block;
-        self.as_given[place].get_or_init(residuals).as_ref()
+        let without = self.as_given[place].get_or_init(|| residuals(&[]));
+        let effects = &hypothesis.fit.effects;
+        let all = self.model.candidates();
+        let mut acting = effects.iter();
+        let acts = acting.any(|own| all[own.0].blocks.contains(&block));
+        let with = acts.then(|| residuals(effects)).flatten();
+        let without = without.iter().map(Cow::Borrowed);
+        without.chain(with.map(Cow::Owned)).collect()
     }
 
     /// How residuals change as an effect of `hypothesis` vanishes, and as its law is another.
@@ -1075,15 +1088,16 @@ impl<M: Model> Engine<'_, M> {
 
 impl Rows {
     /// Adds the rows of a record, which begin at `first`, and which of these each merges: the same
-    /// ones whatever is fitted. Where the weight rests in a dead zone few are kept: those that are
-    /// with nominal values as `given`, if the zone is there with these. What is left out counts as
-    /// noise makes it in the mean. With the zone of each hypothesis the evidence would be of other
-    /// data: a wider one, of fewer rests, would be more probable for that alone.
+    /// ones whatever nominal values are fitted. Where the weight rests in a dead zone few are kept:
+    /// those that are with nominal values as `given`, in the first of these in which the zone is
+    /// there. What is left out counts as noise makes it in the mean. With the zone that is fitted
+    /// the evidence would be of other data: a wider one, of fewer rests, would be more probable, or
+    /// less, for that alone.
     fn add(
         &mut self,
         timeline: &Timeline,
-        (values, slack): (&[f64], &[f64]),
-        given: Option<(&[f64], &[f64])>,
+        slack: &[f64],
+        given: &[Cow<Residuals>],
         (first, merged): (usize, &mut Vec<Range<usize>>),
     ) {
         let mut begins = true;
@@ -1099,12 +1113,12 @@ impl Rows {
                 end += 1;
             }
             let members = row..end;
-            let zone = |(values, slack): (&[f64], &[f64])| {
-                let value = of_merged(&members, |row| values[row]);
-                Some((value, half_width(slack, &members))).filter(|(_, half)| *half > WIDE)
+            let zone = |given: &Cow<Residuals>| {
+                let value = of_merged(&members, |row| given.values[row]);
+                let half_width = half_width(&given.slack, &members);
+                Some((value, half_width)).filter(|(_, half)| *half > WIDE)
             };
-            let zone = given.and_then(|given| zone(given).or_else(|| zone((values, slack))));
-            let zone = zone.filter(|_| base > 0.0);
+            let zone = given.iter().find_map(zone).filter(|_| base > 0.0);
             let is_same = |(value, half): (f64, f64)| {
                 rested.is_some_and(|rested: f64| (value - rested).abs() < half)
             };
@@ -1617,22 +1631,30 @@ mod tests {
             time_s: (0..ROWS).map(|row| 0.1 * row as f64).collect(),
             base: vec![BASE; ROWS],
         };
-        let kept = |half_width: f64, given: Option<f64>| {
+        let kept = |half_width: f64, given: &[f64]| {
             let (mut rows, mut merged) = (Rows::default(), Vec::new());
-            let [slack, given_slack] = [half_width, given.unwrap_or(0.0)].map(|own| [own; ROWS]);
-            let given = given.map(|_| (&values[..], &given_slack[..]));
-            rows.add(&timeline, (&values, &slack), given, (0, &mut merged));
+            let own = |half_width: &f64| {
+                Cow::Owned(Residuals {
+                    values: values.clone(),
+                    slack: vec![*half_width; ROWS],
+                })
+            };
+            let given: Vec<Cow<Residuals>> = given.iter().map(own).collect();
+            let slack = [half_width; ROWS];
+            rows.add(&timeline, &slack, &given, (0, &mut merged));
             assert_eq!(rows.left_out + merged.len(), ROWS);
             let firsts: Vec<usize> = merged.iter().map(|members| members.start).collect();
             firsts
         };
-        assert_eq!(kept(half_width, Some(0.0)), [0, ROWS / 2]);
+        // The zone of the rig as given, or else with an effect.
+        assert_eq!(kept(half_width, &[half_width, 0.0]), [0, ROWS / 2]);
+        assert_eq!(kept(half_width, &[0.0, half_width]), [0, ROWS / 2]);
         let all: Vec<usize> = (0..ROWS).collect();
-        assert_eq!(kept(half_width, None), all);
-        assert_eq!(kept(0.9 * WIDE, Some(0.0)), all);
-        // Whatever is fitted, where the rig as given has a zone.
-        assert_eq!(kept(2.0 * half_width, Some(half_width)), [0, ROWS / 2]);
-        assert_eq!(kept(0.0, Some(half_width)), [0, ROWS / 2]);
+        assert_eq!(kept(half_width, &[]), all);
+        assert_eq!(kept(half_width, &[0.9 * WIDE, 0.0]), all);
+        // Whatever is fitted.
+        assert_eq!(kept(2.0 * half_width, &[half_width]), [0, ROWS / 2]);
+        assert_eq!(kept(0.0, &[half_width]), [0, ROWS / 2]);
     }
 
     /// What is left out counts as noise makes it in the mean.
