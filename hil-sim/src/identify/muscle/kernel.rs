@@ -6,6 +6,9 @@ use std::ops::Range;
 /// The kernel reaches so many widths.
 pub(super) const KERNEL_REACH: f64 = 4.0;
 
+/// Parts of an interval between rows at whose ends a jump is tried.
+const JUMPS: u32 = 4;
+
 /// A Gaussian and its derivatives as weights of rows: what value, slope and curvature of a signal
 /// smoothed by the Gaussian are. Smoothing a balance of forces with the first leaves its other two
 /// to the contraction.
@@ -59,6 +62,26 @@ impl Kernel {
         }
     }
 
+    /// Where a signal jumps by 1, what its kernel makes of it and what the curvature of its second
+    /// integral is differ by at most this.
+    pub(super) fn jump_share(&self, time_s: &[f64]) -> f64 {
+        let rows_s = &time_s[self.rows.clone()];
+        let difference = |at_s: f64| {
+            let weights = self.value.iter().zip(&self.second).zip(rows_s);
+            let after = weights.filter(|(_, t)| **t > at_s);
+            let of = |((value, second), t): ((&f64, &f64), &f64)| {
+                value - second * 0.5 * (t - at_s).powi(2)
+            };
+            after.map(of).sum::<f64>().abs()
+        };
+        // Between two rows the difference is a parabola in the place of the jump.
+        let places = rows_s.windows(2).flat_map(|pair| {
+            let length_s = pair[1] - pair[0];
+            (0..=JUMPS).map(move |n| pair[0] + length_s * f64::from(n) / f64::from(JUMPS))
+        });
+        places.map(difference).fold(0.0, f64::max)
+    }
+
     /// The row in the middle.
     pub(super) fn middle(&self) -> usize {
         self.rows.start + self.rows.len() / 2
@@ -92,6 +115,29 @@ fn dot(weights: &[f64], values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A force that jumps moves a mass by its second integral: the balance of both through the
+    /// kernel is off by less than the share of the jump, and in one place by all of it.
+    #[test]
+    fn a_jump_is_off_by_its_share_at_most() {
+        for (step_s, most) in [(0.01, 0.1), (0.05, 0.5)] {
+            let time_s: Vec<f64> = (0..60).map(|row| step_s * f64::from(row)).collect();
+            let at_s = time_s[30];
+            let kernel = Kernel::at(&time_s, at_s, 0.04);
+            let share = kernel.jump_share(&time_s);
+            let off = |n: u32| {
+                let jump_s = at_s + step_s * (f64::from(n) / 100.0 - 3.0);
+                let force = |t: &f64| if *t > jump_s { 1.0 } else { 0.0 };
+                let way = |t: &f64| 0.5 * (t - jump_s).max(0.0).powi(2);
+                let force: Vec<f64> = time_s.iter().map(force).collect();
+                let way: Vec<f64> = time_s.iter().map(way).collect();
+                (kernel.value(&force) - kernel.second(&way)).abs()
+            };
+            let largest = (0..600).map(off).fold(0.0, f64::max);
+            assert!((largest / share - 1.0).abs() < 0.05, "{largest}, {share}");
+            assert!((0.01..most).contains(&share), "{share}");
+        }
+    }
 
     /// Rows of 10 ms about a width of as much, one of the outermost left out by a rounded time.
     #[test]

@@ -133,6 +133,9 @@ pub(super) struct Place {
     pub(super) pressure_doubt_pa: f64,
     /// How much curvature a dip makes at most, per way that the muscle goes back in it \[1/s²\].
     pub(super) dip_per_s2: f64,
+    /// How much of a jump of friction at most is in the acceleration and not in the forces, or the
+    /// other way round; 0 where the weight surely moves one way throughout.
+    pub(super) jump_share: f64,
 }
 
 /// The least and the most that a sensor can read, as far as a record shows it by being clipped.
@@ -568,6 +571,7 @@ impl Prepared {
                 per_noise: 0.0,
                 pressure_doubt_pa: self.bent_pa(&kernel),
                 dip_per_s2: self.dip_per_s2(&kernel),
+                jump_share: self.jump_share(&kernel),
                 kernel,
             };
             self.weighed(rig, weight, place)
@@ -585,6 +589,15 @@ impl Prepared {
             seconds.filter(|second| *second > 0.0).sum::<f64>()
         });
         up.max(down)
+    }
+
+    /// See [`Place::jump_share`].
+    fn jump_share(&self, kernel: &Kernel) -> f64 {
+        let directions = &self.directions[kernel.rows.clone()];
+        if directions[0] != 0.0 && directions.iter().all(|own| *own == directions[0]) {
+            return 0.0;
+        }
+        kernel.jump_share(self.measured.time_s())
     }
 
     /// `place` with how well its nominal balance is known.

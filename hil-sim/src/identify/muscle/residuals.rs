@@ -355,14 +355,15 @@ pub(super) fn measured_n(record: &Prepared, rig: &Rig) -> Option<Vec<ForceRange>
 }
 
 /// Of each row: the forces on the weight without its acceleration and damping \[N\], what friction
-/// can take up \[N\], and the mass \[kg\]; with the `contraction` that the muscle has.
+/// can take up \[N\], the mass \[kg\], and by how much friction can jump \[N\]; with the
+/// `contraction` that the muscle has.
 fn forces_on_weight(
     record: &Prepared,
     rig: &Rig,
     (load, states): (&LoadSubsystem, usize),
     contraction: &[f64],
     forces: &[ForceRange],
-) -> Option<Vec<[f64; 3]>> {
+) -> Option<Vec<[f64; 4]>> {
     let read = record.measured.column(CONTRACTION)?;
     // Noise must not be a way without end, nor the way be late by it: bristles are stiff.
     let smooth = record.smooth.column(CONTRACTION)?;
@@ -394,6 +395,8 @@ fn forces_on_weight(
             0.5 * (least_n + most_n) + between_n + lifting_n - weight_n - middle_n,
             reach_n + doubt_n + 0.5 * (most_n - least_n),
             weight.mass_kg,
+            // It stops from a sliding friction that may be opposite to the static one.
+            weight.coulomb_friction_n + weight.static_friction_n,
         ]
     };
     Some((0..time_s.len()).map(of_row).collect())
@@ -416,15 +419,17 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> O
         return None;
     }
     let residual = |place: &Place| {
-        let (mut balance_n, mut reach_n, mut mass_kg) = (0.0, 0.0, 0.0);
+        let (mut balance_n, mut reach_n, mut mass_kg, mut jump_n) = (0.0, 0.0, 0.0, 0.0);
         let kernel = &place.kernel;
         for (weight, row) in kernel.value.iter().zip(&rows[kernel.rows.clone()]) {
             balance_n += weight * row[0];
             reach_n += weight * row[1];
             mass_kg += weight * row[2];
+            jump_n += weight * row[3];
         }
         let dip_per_s2 = 2.0 * play * place.dip_per_s2;
         reach_n += mass_kg * load.initial_length_m * dip_per_s2;
+        reach_n += place.jump_share * jump_n;
         balance_n -= mass_kg * load.initial_length_m * kernel.second(contraction)
             + load.weight.viscous_damping_ns_per_m
                 * load.initial_length_m
