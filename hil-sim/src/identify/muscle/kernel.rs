@@ -63,21 +63,23 @@ impl Kernel {
     }
 
     /// Where a signal jumps by 1, what its kernel makes of it and what the curvature of its second
-    /// integral is differ by at most this.
-    pub(super) fn jump_share(&self, time_s: &[f64]) -> f64 {
-        let rows_s = &time_s[self.rows.clone()];
+    /// integral is differ by at most this; it jumps only after rows that `may_jump`.
+    pub(super) fn jump_share(&self, time_s: &[f64], may_jump: impl Fn(usize) -> bool) -> f64 {
         let difference = |at_s: f64| {
-            let weights = self.value.iter().zip(&self.second).zip(rows_s);
-            let after = weights.filter(|(_, t)| **t > at_s);
+            let weights = self.value.iter().zip(&self.second);
+            let rows = weights.zip(&time_s[self.rows.clone()]);
+            let after = rows.filter(|(_, t)| **t > at_s);
             let of = |((value, second), t): ((&f64, &f64), &f64)| {
                 value - second * 0.5 * (t - at_s).powi(2)
             };
             after.map(of).sum::<f64>().abs()
         };
+        let last = self.rows.end - 1;
+        let jumps = (self.rows.start..last).filter(|row| may_jump(*row));
         // Between two rows the difference is a parabola in the place of the jump.
-        let places = rows_s.windows(2).flat_map(|pair| {
-            let length_s = pair[1] - pair[0];
-            (0..=JUMPS).map(move |n| pair[0] + length_s * f64::from(n) / f64::from(JUMPS))
+        let places = jumps.flat_map(|row| {
+            let (from_s, length_s) = (time_s[row], time_s[row + 1] - time_s[row]);
+            (0..=JUMPS).map(move |n| from_s + length_s * f64::from(n) / f64::from(JUMPS))
         });
         places.map(difference).fold(0.0, f64::max)
     }
@@ -124,7 +126,7 @@ mod tests {
             let time_s: Vec<f64> = (0..60).map(|row| step_s * f64::from(row)).collect();
             let at_s = time_s[30];
             let kernel = Kernel::at(&time_s, at_s, 0.04);
-            let share = kernel.jump_share(&time_s);
+            let share = kernel.jump_share(&time_s, |_| true);
             let off = |n: u32| {
                 let jump_s = at_s + step_s * (f64::from(n) / 100.0 - 3.0);
                 let force = |t: &f64| if *t > jump_s { 1.0 } else { 0.0 };
