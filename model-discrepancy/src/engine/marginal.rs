@@ -1101,7 +1101,7 @@ impl Rows {
         (first, merged): (usize, &mut Vec<Range<usize>>),
     ) {
         let mut begins = true;
-        // What was left over where the weight began to rest.
+        // What was left over where the weight began to rest, and by which of `given`.
         let mut rested = None;
         let mut row = 0;
         while row < slack.len() {
@@ -1113,20 +1113,23 @@ impl Rows {
                 end += 1;
             }
             let members = row..end;
-            let zone = |given: &Cow<Residuals>| {
+            let zone = |(which, given): (usize, &Cow<Residuals>)| {
                 let value = of_merged(&members, |row| given.values[row]);
                 let half_width = half_width(&given.slack, &members);
-                Some((value, half_width)).filter(|(_, half)| *half > WIDE)
+                Some((which, value, half_width)).filter(|_| half_width > WIDE)
             };
-            let zone = given.iter().find_map(zone).filter(|_| base > 0.0);
-            let is_same = |(value, half): (f64, f64)| {
-                rested.is_some_and(|rested: f64| (value - rested).abs() < half)
+            let zone = given.iter().enumerate().find_map(zone);
+            let zone = zone.filter(|_| base > 0.0);
+            let is_same = |(which, value, half): (usize, f64, f64)| {
+                rested.is_some_and(|(by, rested): (usize, f64)| {
+                    by == which && (value - rested).abs() < half
+                })
             };
             if zone.is_some_and(is_same) {
                 self.left_out += 1;
             } else {
                 if base > 0.0 {
-                    rested = zone.map(|(value, _)| value);
+                    rested = zone.map(|(which, value, _)| (which, value));
                 }
                 self.time_s.push(time_s);
                 self.base.push(base * ((end - row) as f64).sqrt());

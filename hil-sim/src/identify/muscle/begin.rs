@@ -25,8 +25,10 @@ const DEVIATIONS_MOST: f64 = 3.0;
 /// many nats.
 const BEGINS: usize = 8;
 const KNOWN: f64 = 0.5;
-/// Shares so near to each other are the same.
+/// Shares, or deviations, so near to each other are the same.
 const NARROW: f64 = 1e-3;
+/// How often slopes are taken again at most.
+const SLOPES: usize = 8;
 /// Step of the difference quotient by a share.
 const SHARE_STEP: f64 = 0.01;
 /// Unknowns of a record at most: the zeros of three sensors, the pressure between rows, states of a
@@ -80,9 +82,9 @@ impl Begin {
 /// for each of their states. `zeros` says the same of each sensor's zero, off by its standard
 /// deviation.
 ///
-/// A state that is off changes the force's slope by pressure, too: residuals are taken once more
-/// with the slope that it has where the states are found. With that of an effect which its begin
-/// has taken back all residuals would look smaller.
+/// A state that is off changes the force's slope by pressure, too: residuals are taken again with
+/// the slope that it has where the states are found. With that of an effect which its begin has
+/// taken back all residuals would look smaller.
 pub(super) fn begun(
     forces: &Forces,
     fading: &[Fading],
@@ -90,26 +92,35 @@ pub(super) fn begun(
     begin: Option<&Begin>,
     residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
 ) -> Option<Residuals> {
+    let known = match begin {
+        _ if !forces.remembers() => Some((forces.settled_n()?, None)),
+        Some(begin) => Some((forces.begun_n(begin.share)?, Some(begin))),
+        None => None,
+    };
     let found = |off: &[f64]| {
         let own = Own {
             fading,
             zeros,
             residuals: |forces: &[ForceRange]| residuals(&sloped(forces, fading, off)),
         };
-        if !forces.remembers() {
-            return own.without(&forces.settled_n()?, None);
-        }
-        match begin {
-            Some(begin) => own.without(&forces.begun_n(begin.share)?, Some(begin)),
+        match &known {
+            Some((forces, begin)) => own.without(forces, *begin),
             None => own.begun_best(forces),
         }
     };
-    let settled = found(&[])?;
-    if fading.is_empty() {
-        return Some(settled);
+    let mut off = vec![0.0; fading.len()];
+    let mut left = found(&off)?;
+    for _ in 0..SLOPES {
+        let first = left.values.len() - UNKNOWNS + zeros.len();
+        let now = &left.values[first..first + fading.len()];
+        let mut pairs = now.iter().zip(&off);
+        if pairs.all(|(now, off)| (now - off).abs() < NARROW) {
+            break;
+        }
+        off = now.to_vec();
+        left = found(&off)?;
     }
-    let told = settled.values.len() - UNKNOWNS + zeros.len();
-    found(&settled.values[told..told + fading.len()])
+    Some(left)
 }
 
 /// `forces` with the slopes that they have where states that fade are so many deviations `off`.

@@ -134,7 +134,7 @@ pub(super) struct Place {
     /// How much curvature a dip makes at most, per way that the muscle goes back in it \[1/s²\].
     pub(super) dip_per_s2: f64,
     /// How much of a jump of friction at most is in the acceleration and not in the forces, or the
-    /// other way round; 0 where the weight surely moves one way.
+    /// other way round; 0 where the weight surely moves one way, or rests.
     pub(super) jump_share: f64,
 }
 
@@ -594,6 +594,12 @@ impl Prepared {
     /// See [`Place::jump_share`].
     fn jump_share(&self, kernel: &Kernel) -> f64 {
         let directions = &self.directions;
+        if directions[kernel.rows.clone()]
+            .iter()
+            .all(|own| *own == 0.0)
+        {
+            return 0.0;
+        }
         kernel.jump_share(self.measured.time_s(), |row| {
             directions[row] == 0.0 || directions[row] != directions[row + 1]
         })

@@ -554,6 +554,39 @@ mod tests {
         assert!(gain_nats > 10.0, "{gain_nats}");
     }
 
+    /// A run-in of half of the force that is over when a record begins, and one that there is not,
+    /// are the same: what is left of the load's balance is no smaller for the slope that the run-in
+    /// would have given the force.
+    #[test]
+    fn a_run_in_that_is_over_shrinks_no_residuals() {
+        let rig = Rig::parse("rig.toml", Rig::REFERENCE_TOML).expect("a rig");
+        let run_in = "[[effect]]\nname = \"run-in\"\nform = \"exponential\"\nshare = 0.5\n\
+                      distance = 20.0\n";
+        let over = format!("{}{run_in}", Rig::REFERENCE_TOML);
+        let over = Rig::parse("rig.toml", &over).expect("a rig");
+        let record = steps_from(&rig, 320);
+        let prepared = Prepared::all(&rig, [&record].into_iter(), None).expect("prepared");
+        let prepared = &prepared[0];
+        let zeros = prepared.zeros_of_balances(&rig, false);
+        let rms = |rig: &Rig| {
+            let ways = prepared.ways(rig);
+            let forces = Forces::new(rig, &ways, Force::True).expect("driven");
+            let fading = prepared.fading(&forces).expect("fading");
+            let balances = |forces: &[ForceRange]| balances(prepared, rig, forces);
+            let left = begun(&forces, &fading, &zeros, None, balances).expect("residuals");
+            let (rows, own) = left.values.split_at(left.values.len() - UNKNOWNS);
+            // Half of the run-in is one deviation.
+            let taken = own[zeros.len()];
+            let squares: f64 = rows.iter().map(|value| value * value).sum();
+            let count = rows.len() as f64;
+            (taken, (squares / count).sqrt())
+        };
+        let ((_, none), (taken, over)) = (rms(&rig), rms(&over));
+        assert!((taken + 2.0).abs() < 0.1, "{taken}");
+        // With the slope that is taken back residuals were two thirds of what they are.
+        assert!((over / none - 1.0).abs() < 0.05, "{over}, {none}");
+    }
+
     /// At rest the gas is simulated in few rows, and what lies between them is off by a third of
     /// what a sound rig may leave, a ninth of the variance.
     #[test]
