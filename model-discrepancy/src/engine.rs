@@ -728,7 +728,7 @@ pub struct Engine<'a, M> {
     fits: Mutex<HashMap<Key, Option<Fit>>>,
     promised: Mutex<HashMap<(promises::Place, usize), f64>>,
     judged: Mutex<HashMap<promises::Place, Option<Vec<Judgement>>>>,
-    /// Residuals of each record's blocks with nominal values as given.
+    /// Residuals of each record's blocks with nominal values as given and without effects.
     as_given: Vec<OnceLock<Option<Residuals>>>,
 }
 
