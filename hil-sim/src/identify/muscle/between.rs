@@ -105,9 +105,10 @@ fn gas_doubts_pa(record: &Prepared, rig: &Rig) -> Option<Vec<f64>> {
             before += 0.5 * (quarter - half).powi(2);
         }
     }
-    let left = (squares.iter().sum::<f64>() / before).sqrt();
-    // Without any change it is no number, and whatever it is makes no doubt.
-    let left = left.max(LEFT[0]).min(LEFT[1]);
+    let changed = squares.iter().sum::<f64>();
+    // Where nothing changes there is no doubt.
+    let left = (changed / before.max(f64::MIN_POSITIVE)).sqrt();
+    let left = left.clamp(LEFT[0], LEFT[1]);
     // It goes through zero between two places of doubt.
     let about = |row: usize| {
         let rows = row.saturating_sub(2)..(row + 3).min(squares.len());
