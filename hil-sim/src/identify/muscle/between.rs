@@ -242,6 +242,17 @@ mod tests {
 
     const FINER: usize = 50;
 
+    /// One of [`FINER`] rows of a reference and of what came of it.
+    fn coarse(drive: &Record, run: &Record) -> Record {
+        let mut coarse = Record::new(drive.time_s().iter().step_by(FINER).copied().collect());
+        for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
+            let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
+            let values = values.or_else(|| run.column(name)).expect("the column");
+            coarse.set(name, values.iter().step_by(FINER).copied().collect());
+        }
+        coarse
+    }
+
     /// Ten seconds of a reference in steps of 50 ms: as `rig` follows it, with a row each
     /// millisecond, and what is left of that with a row at each step.
     fn stepped(rig: &Rig) -> (Record, Record) {
@@ -258,12 +269,7 @@ mod tests {
         drive.set(PRESSURE_PA, vec![2.5e5; time_s.len()]);
         drive.set(CONTRACTION, vec![0.1; time_s.len()]);
         let fine = simulate(rig, &drive, TOLERANCE).expect("a simulation");
-        let mut coarse = Record::new(time_s.iter().step_by(FINER).copied().collect());
-        for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
-            let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
-            let values = values.or_else(|| fine.column(name)).expect("the column");
-            coarse.set(name, values.iter().step_by(FINER).copied().collect());
-        }
+        let coarse = coarse(&drive, &fine);
         (fine, coarse)
     }
 
@@ -283,12 +289,7 @@ mod tests {
         drive.set(PRESSURE_PA, first(2.5e5));
         drive.set(CONTRACTION, first(0.1));
         let run = simulate(&rig, &drive, TOLERANCE).expect("a run");
-        let mut coarse = Record::new(time_s.iter().step_by(FINER).copied().collect());
-        for name in [PRESSURE_REF_PA, PRESSURE_PA, CONTRACTION] {
-            let values = drive.column(name).filter(|_| name == PRESSURE_REF_PA);
-            let values = values.or_else(|| run.column(name)).expect("the column");
-            coarse.set(name, values.iter().step_by(FINER).copied().collect());
-        }
+        let coarse = coarse(&drive, &run);
         let prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
         let gas = prepared[0].gas.as_ref().expect("a reference");
         let doubts_pa = gas_doubts_pa(&prepared[0], &rig).expect("doubts");
