@@ -23,8 +23,8 @@ use crate::identify::repeats::force_repeatability_n;
 use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_REF_PA, Record};
 use crate::rig::{KEYS, Key, Rig, Tolerance};
-use begin::{Begin, UNKNOWNS, begun, without};
-use force::{Force, ForceRange, Forces};
+use begin::{Begin, UNKNOWNS, without};
+use force::{Force, ForceRange, Forces, remembers};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Near, Parameter};
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::{Residuals, loss};
@@ -714,6 +714,9 @@ impl MuscleModel {
             _ => return None,
         };
         let rig = self.fitted(nominal, self.on(block, effects));
+        if !remembers(&rig) {
+            return None;
+        }
         let ways = record.ways(&rig);
         let forces = Forces::new(&rig, &ways, force)?;
         let deviation = found[rows + UNKNOWNS - 1];
@@ -751,16 +754,13 @@ impl MuscleModel {
                 gas_residuals(record, rig, zeros.unwrap_or_default())
             }
             FORCE => {
-                let ways = record.ways(&rig);
-                let forces = Forces::new(&rig, &ways, Force::Read)?;
-                let fading = record.fading(&forces)?;
                 // What differs from run to run is known with the zeros in it.
                 let zeros = zeros && self.repeatability_n.is_none();
                 let known = || record.zeros_of_force(&self.rig);
                 let zeros = zeros.then(|| &record.zeros.of_force.get_or_init(known)[..]);
                 let zeros = zeros.unwrap_or_default();
                 let residuals = |forces: &[ForceRange]| force_residuals(record, forces);
-                begun(&forces, &fading, zeros, begin, residuals)
+                record.begun((&rig, Force::Read), zeros, begin, residuals)
             }
             _ => {
                 let balances = |forces: &[ForceRange]| balances(record, &rig, forces);
@@ -771,10 +771,7 @@ impl MuscleModel {
                 let mut residuals = if force_read {
                     without(balances(&measured_n(record, &rig)?)?, zeros, None)
                 } else {
-                    let ways = record.ways(&rig);
-                    let forces = Forces::new(&rig, &ways, Force::True)?;
-                    let fading = record.fading(&forces)?;
-                    begun(&forces, &fading, zeros, begin, balances)?
+                    record.begun((&rig, Force::True), zeros, begin, balances)?
                 };
                 rig.nominal.load = Load::Prescribed;
                 residuals.extend(record.stop_residuals(&rig)?);

@@ -11,9 +11,15 @@
 //!
 //! All of it is estimated from each record, the predicted ones too, and counts by how likely it is.
 
-use super::force::{Fading, ForceRange, Forces};
+use super::force::{Fading, ForceEnds, ForceRange, Forces};
+use crate::rig::Rig;
 use model_discrepancy::least_squares::{Linearized, Prior, Residuals, Slopes, loss};
+use muscle_plant::effects::Effect;
+use muscle_plant::nominal::{Load, Nominal};
+use muscle_plant::subsystem::Subsystem;
 use nalgebra::{DMatrix, DVector};
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
 
 /// Standard deviation of what a state may be off by at the begin, in units of its drive's usual
 /// size; for a run-in, of what is left of it.
@@ -31,6 +37,8 @@ const NARROW: f64 = 1e-3;
 const SLOPES: usize = 8;
 /// Step of the difference quotient by a share.
 const SHARE_STEP: f64 = 0.01;
+/// Forces along a record that are kept: about as many fits go on at once.
+const LAST: usize = 6;
 /// Unknowns of a record at most: the zeros of three sensors, the pressure between rows, states of a
 /// creep and a run-in, and the memory of a hysteresis.
 pub(super) const UNKNOWNS: usize = 10;
@@ -48,16 +56,18 @@ impl Begin {
         Begin { share, along: None }
     }
 
+    /// Where the memory began, from −1 to 1.
+    pub(super) fn share(&self) -> f64 {
+        self.share
+    }
+
     /// Where a record began of which the memory is so many standard deviations off, with the slope
-    /// of `residuals` there. None of a muscle that remembers nothing.
+    /// of `residuals` there.
     pub(super) fn found(
         forces: &Forces,
         deviation: f64,
         residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
     ) -> Option<Begin> {
-        if !forces.remembers() {
-            return None;
-        }
         let share = SPREAD * deviation;
         if share.abs() > 1.0 - NARROW {
             return Some(Begin::at(share.clamp(-1.0, 1.0)));
@@ -76,42 +86,134 @@ impl Begin {
     }
 }
 
-/// Residuals, by the forces that the muscle may have, for the zeros that fit best, and for the
-/// memory that does, or that of a `begin` nearby, from which it moves in proportion only: with what
-/// a motion before may have left in effects with a memory and in those that fade, as `fading` says
-/// for each of their states. `zeros` says the same of each sensor's zero, off by its standard
-/// deviation.
-///
-/// A state that is off changes the force's slope by pressure, too: residuals are taken again with
-/// the slope that it has where the states are found. With that of an effect which its begin has
-/// taken back all residuals would look smaller.
+/// What the forces of a muscle depend on: a weight and its frictions are not among it.
+struct Muscle {
+    nominal: Nominal,
+    effects: Vec<Effect>,
+    /// Where its memory began.
+    share: Option<f64>,
+}
+
+impl Muscle {
+    fn new(rig: &Rig, share: Option<f64>) -> Muscle {
+        let is_of_load = |effect: &&Effect| {
+            effect.kind.subsystem == Subsystem::Load && effect.form.observation.is_none()
+        };
+        let effects = rig.effects.iter();
+        Muscle {
+            nominal: Nominal {
+                load: Load::Prescribed,
+                ..rig.nominal
+            },
+            effects: effects.filter(|own| !is_of_load(own)).cloned().collect(),
+            share,
+        }
+    }
+
+    fn is_same(&self, other: &Muscle) -> bool {
+        let is_same = |(own, other): (&Effect, &Effect)| {
+            std::ptr::eq(own.form, other.form) && own.values == other.values
+        };
+        let mut effects = self.effects.iter().zip(&other.effects);
+        self.nominal == other.nominal
+            && self.share == other.share
+            && self.effects.len() == other.effects.len()
+            && effects.all(is_same)
+    }
+}
+
+/// The forces along a record that were known last: a weight's values move, and its effects, where
+/// those of the muscle do not.
+#[derive(Default)]
+pub(super) struct LastKnown(Mutex<VecDeque<(Muscle, Arc<Known>)>>);
+
+impl LastKnown {
+    /// Those of the muscle of `rig` whose memory, if it has one, began at this share.
+    pub(super) fn of(
+        &self,
+        rig: &Rig,
+        share: Option<f64>,
+        known: impl FnOnce() -> Option<Known>,
+    ) -> Option<Arc<Known>> {
+        let muscle = Muscle::new(rig, share);
+        if let Some((_, known)) = self
+            .0
+            .lock()
+            .ok()?
+            .iter()
+            .find(|own| own.0.is_same(&muscle))
+        {
+            return Some(Arc::clone(known));
+        }
+        let known = Arc::new(known()?);
+        let mut last = self.0.lock().ok()?;
+        last.truncate(LAST - 1);
+        last.push_front((muscle, Arc::clone(&known)));
+        Some(known)
+    }
+}
+
+/// The forces of a muscle whose memory, if it has one, began at a known place, and what states that
+/// fade add to them.
+pub(super) struct Known {
+    forces: Vec<ForceRange>,
+    fading: Vec<Fading>,
+}
+
+impl Known {
+    /// With a memory that began at this share, if it has one.
+    pub(super) fn new(forces: &Forces, fading: Vec<Fading>, share: Option<f64>) -> Option<Known> {
+        let forces = match share {
+            Some(share) => forces.begun_n(share)?,
+            None => forces.settled_n()?,
+        };
+        Some(Known { forces, fading })
+    }
+
+    /// See [`begun`]: for a memory that moves from the place of `begin` in proportion only.
+    pub(super) fn residuals(
+        &self,
+        zeros: &[Vec<f64>],
+        begin: Option<&Begin>,
+        residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
+    ) -> Option<Residuals> {
+        with_slopes(&self.fading, zeros.len(), |off| {
+            let own = Own::new(&self.fading, zeros, off, &residuals);
+            own.without(&self.forces, begin)
+        })
+    }
+}
+
+/// Residuals, by the forces that the muscle may have, for the zeros and the memory that fit best:
+/// with what a motion before may have left in effects with a memory and in those that fade, as
+/// `fading` says for each of their states. `zeros` says the same of each sensor's zero, off by its
+/// standard deviation.
 pub(super) fn begun(
     forces: &Forces,
     fading: &[Fading],
     zeros: &[Vec<f64>],
-    begin: Option<&Begin>,
     residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
 ) -> Option<Residuals> {
-    let known = match begin {
-        _ if !forces.remembers() => Some((forces.settled_n()?, None)),
-        Some(begin) => Some((forces.begun_n(begin.share)?, Some(begin))),
-        None => None,
-    };
-    let found = |off: &[f64]| {
-        let own = Own {
-            fading,
-            zeros,
-            residuals: |forces: &[ForceRange]| residuals(&sloped(forces, fading, off)),
-        };
-        match &known {
-            Some((forces, begin)) => own.without(forces, *begin),
-            None => own.begun_best(forces),
-        }
-    };
+    let ends = forces.ends()?;
+    with_slopes(fading, zeros.len(), |off| {
+        let own = Own::new(fading, zeros, off, &residuals);
+        own.begun_best(forces, &ends)
+    })
+}
+
+/// The residuals that are `found` where states that fade are so many deviations off. That changes
+/// the force's slope by pressure, too: residuals are taken again with the slope that it has where
+/// the states are found, after so many `zeros`. With that of an effect which its begin has taken
+/// back all residuals would look smaller.
+fn with_slopes(
+    fading: &[Fading],
+    zeros: usize,
+    found: impl Fn(&[f64]) -> Option<Residuals>,
+) -> Option<Residuals> {
     let mut off = vec![0.0; fading.len()];
     let mut left = found(&off)?;
     for _ in 0..SLOPES {
-        let first = left.values.len() - UNKNOWNS + zeros.len();
+        let first = left.values.len() - UNKNOWNS + zeros;
         let now = &left.values[first..first + fading.len()];
         let mut pairs = now.iter().zip(&off);
         if pairs.all(|(now, off)| (now - off).abs() < NARROW) {
@@ -123,25 +225,38 @@ pub(super) fn begun(
     Some(left)
 }
 
-/// `forces` with the slopes that they have where states that fade are so many deviations `off`.
-fn sloped(forces: &[ForceRange], fading: &[Fading], off: &[f64]) -> Vec<ForceRange> {
-    let mut forces = forces.to_vec();
-    for (fading, off) in fading.iter().zip(off) {
-        for (force, slope_m2) in forces.iter_mut().zip(&fading.per_pressure_m2) {
-            force.per_pressure_m2 += SPREAD * off * slope_m2;
-        }
-    }
-    forces
-}
-
-/// What a record has of its own, and the residuals that its muscle's forces leave.
+/// What a record has of its own, and the residuals that its muscle's forces leave, with the slopes
+/// that these have where states that fade are so many deviations off.
 struct Own<'a, R> {
     fading: &'a [Fading],
     zeros: &'a [Vec<f64>],
-    residuals: R,
+    off: &'a [f64],
+    residuals: &'a R,
 }
 
-impl<R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'_, R> {
+impl<'a, R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'a, R> {
+    fn new(fading: &'a [Fading], zeros: &'a [Vec<f64>], off: &'a [f64], residuals: &'a R) -> Self {
+        Own {
+            fading,
+            zeros,
+            off,
+            residuals,
+        }
+    }
+
+    fn residuals(&self, forces: &[ForceRange]) -> Option<Residuals> {
+        if self.off.iter().all(|off| *off == 0.0) {
+            return (self.residuals)(forces);
+        }
+        let mut forces = forces.to_vec();
+        for (fading, off) in self.fading.iter().zip(self.off) {
+            for (force, slope_m2) in forces.iter_mut().zip(&fading.per_pressure_m2) {
+                force.per_pressure_m2 += SPREAD * off * slope_m2;
+            }
+        }
+        (self.residuals)(&forces)
+    }
+
     /// How residuals change by what is unknown, each off by its standard deviation.
     fn unknown(&self, forces: &[ForceRange], left: &Residuals) -> Option<Vec<Vec<f64>>> {
         let mut unknown = self.zeros.to_vec();
@@ -152,30 +267,29 @@ impl<R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'_, R> {
                 ..*force
             };
             let off: Vec<ForceRange> = forces.iter().zip(&fading.force_n).map(added).collect();
-            let off = (self.residuals)(&off)?.values;
+            let off = self.residuals(&off)?.values;
             unknown.push(off.iter().zip(&left.values).map(|(a, b)| a - b).collect());
         }
         Some(unknown)
     }
 
     fn without(&self, forces: &[ForceRange], memory: Option<&Begin>) -> Option<Residuals> {
-        let left = (self.residuals)(forces)?;
+        let left = self.residuals(forces)?;
         let unknown = self.unknown(forces, &left)?;
         Some(without(left, &unknown, memory))
     }
 
     /// The same with the memory that fits best.
-    fn begun_best(&self, forces: &Forces) -> Option<Residuals> {
-        let ends = forces.ends()?;
+    fn begun_best(&self, forces: &Forces, ends: &ForceEnds) -> Option<Residuals> {
         let out_n = ends.forces_n(0)?;
-        let out = (self.residuals)(&out_n)?;
+        let out = self.residuals(&out_n)?;
         let unknown = self.unknown(&out_n, &out)?;
-        let mut around = [(-1.0, out), (1.0, (self.residuals)(&ends.forces_n(1)?)?)];
+        let mut around = [(-1.0, out), (1.0, self.residuals(&ends.forces_n(1)?)?)];
         let mut expected = between(&around, &unknown);
         let mut best: Option<(f64, Residuals)> = None;
         for _ in 0..BEGINS {
             let (share, cost) = expected;
-            let begun = (self.residuals)(&forces.between_n(&ends, share)?)?;
+            let begun = self.residuals(&forces.between_n(ends, share)?)?;
             let left = without(begun.clone(), &unknown, Some(&Begin::at(share)));
             let found = left.outside().map(loss).sum::<f64>();
             let is_known = (found - cost).abs() < KNOWN;

@@ -4,7 +4,7 @@ use crate::identify::inputs::Inputs;
 use crate::record::Record;
 use crate::rig::Rig;
 use model_core::pressure::GaugePa;
-use muscle_plant::effects::{DecayingForce, Observation};
+use muscle_plant::effects::{DecayingForce, Effect, Observation};
 use muscle_plant::nominal::Load;
 use muscle_plant::simulation::{CONTRACTION, Drive, PRESSURE, Plant, STATES_MAX, Simulated};
 use muscle_plant::subsystem::sensors::Reading;
@@ -73,6 +73,12 @@ struct Ran<const N: usize> {
     met: usize,
 }
 
+/// Whether the muscle of `rig` has a memory of the motion.
+pub(super) fn remembers(rig: &Rig) -> bool {
+    let mut observations = rig.effects.iter().filter_map(Effect::observation);
+    observations.any(|effect| effect.has_motion_memory())
+}
+
 /// The muscle's force along a motion that is known but for what an encoder's play leaves open.
 pub(super) struct Forces<'a>(Vec<Driven<'a>>);
 
@@ -125,15 +131,6 @@ impl<'a> Forces<'a> {
     /// With the memory at this share at the begin.
     pub(super) fn begun_n(&self, share: f64) -> Option<Vec<ForceRange>> {
         spanned(self.0.iter().map(|driven| driven.begun_n(Some(share))))
-    }
-
-    /// Whether the muscle has a memory of the motion.
-    pub(super) fn remembers(&self) -> bool {
-        let mut driven = self.0.iter();
-        driven.any(|own| {
-            let mut observations = own.observations.iter();
-            observations.any(|(_, effect)| effect.has_motion_memory())
-        })
     }
 
     /// What each state of the muscle that fades adds to the force where it was one unit too large

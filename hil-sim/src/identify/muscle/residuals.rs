@@ -1,9 +1,9 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
 use super::along::Along;
-use super::begin::without;
+use super::begin::{Begin, Known, begun, without};
 use super::finer::{finer, parts};
-use super::force::{Fading, ForceRange, Forces};
+use super::force::{Fading, Force, ForceRange, Forces, remembers};
 use super::play::{play, without_further_play};
 use super::prepared::{Place, Prepared};
 use super::thinned::at_rows;
@@ -210,6 +210,31 @@ impl Prepared {
             return Some(Vec::new());
         }
         forces.fading()
+    }
+
+    /// Residuals, by the force of its muscle, with a memory that begins where it fits best or near a
+    /// `begin`; see [`begun`].
+    pub(super) fn begun(
+        &self,
+        (rig, force): (&Rig, Force),
+        zeros: &[Vec<f64>],
+        begin: Option<&Begin>,
+        residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
+    ) -> Option<Residuals> {
+        let remembers = remembers(rig);
+        let begin = begin.filter(|_| remembers);
+        if begin.is_none() && remembers {
+            let ways = self.ways(rig);
+            let forces = Forces::new(rig, &ways, force)?;
+            return begun(&forces, &self.fading(&forces)?, zeros, residuals);
+        }
+        let share = begin.map(Begin::share);
+        let known = self.last_known.of(rig, share, || {
+            let ways = self.ways(rig);
+            let forces = Forces::new(rig, &ways, force)?;
+            Known::new(&forces, self.fading(&forces)?, share)
+        });
+        known?.residuals(zeros, begin, residuals)
     }
 
     /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever
@@ -460,8 +485,7 @@ pub(super) fn balances(record: &Prepared, rig: &Rig, forces: &[ForceRange]) -> O
 
 #[cfg(test)]
 mod tests {
-    use super::super::begin::{Begin, UNKNOWNS, begun};
-    use super::super::force::Force;
+    use super::super::begin::UNKNOWNS;
     use super::*;
     use crate::identify::simulate::simulate;
     use crate::record::PRESSURE_REF_PA;
@@ -569,11 +593,9 @@ mod tests {
         let prepared = &prepared[0];
         let zeros = prepared.zeros_of_balances(&rig, false);
         let rms = |rig: &Rig| {
-            let ways = prepared.ways(rig);
-            let forces = Forces::new(rig, &ways, Force::True).expect("driven");
-            let fading = prepared.fading(&forces).expect("fading");
             let balances = |forces: &[ForceRange]| balances(prepared, rig, forces);
-            let left = begun(&forces, &fading, &zeros, None, balances).expect("residuals");
+            let left = prepared.begun((rig, Force::True), &zeros, None, balances);
+            let left = left.expect("residuals");
             let (rows, own) = left.values.split_at(left.values.len() - UNKNOWNS);
             // Half of the run-in is one deviation.
             let taken = own[zeros.len()];
@@ -652,10 +674,8 @@ mod tests {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let settled = residuals(&forces.settled_n().expect("forces"));
         let settled = settled.expect("residuals").values;
-        let fading = prepared.fading(&forces).expect("fading");
-        let best = begun(&forces, &fading, &[], None, residuals)
-            .expect("residuals")
-            .values;
+        let best = prepared.begun((&rig, Force::Read), &[], None, residuals);
+        let best = best.expect("residuals").values;
         let (best, told) = best.split_at(best.len() - UNKNOWNS);
         assert!(best.len() > 200, "{}", best.len());
         assert!(largest(&settled) > 10.0, "{}", largest(&settled));
@@ -670,8 +690,7 @@ mod tests {
         let near = |larger: f64| {
             let mut rig = rig.clone();
             rig.effects[0].values[0] *= larger;
-            let forces = Forces::new(&rig, &records, Force::Read).expect("driven");
-            let near = begun(&forces, &fading, &[], Some(&begin), residuals);
+            let near = prepared.begun((&rig, Force::Read), &[], Some(&begin), residuals);
             DVector::from_vec(near.expect("residuals").values)
         };
         let own = near(1.0);
