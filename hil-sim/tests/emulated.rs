@@ -1,7 +1,7 @@
 //! The firmware on the emulated board, through the command line.
 //!
 //! `FIRMWARE` names the firmware's ELF, `EMULATED_BOARD` the emulated board's program. If both
-//! exist: `cargo test --release -p hil-sim --test emulated -- --ignored`.
+//! exist: `cargo test --test emulated -- --ignored`.
 
 use hil_sim::rig::Rig;
 use std::path::Path;

@@ -3,7 +3,7 @@
 //!
 //! `FIRMWARE` and `EMULATED_BOARD` as for the tests of `emulated.rs`, and `CARGO_TARGET_DIR` or
 //! `target` for what the page builds:
-//! `cargo test --release -p hil-sim --test own_rig -- --ignored`.
+//! `cargo test --test own_rig -- --ignored`.
 #![cfg(unix)]
 
 use std::fmt::Write as _;

@@ -16,7 +16,7 @@ use crate::rig::Rig;
 use model_discrepancy::least_squares::{Linearized, Prior, Residuals, Slopes, loss};
 use muscle_plant::effects::Effect;
 use muscle_plant::nominal::{Load, Nominal};
-use muscle_plant::subsystem::Subsystem;
+use muscle_plant::subsystem::Term;
 use nalgebra::{DMatrix, DVector};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -37,8 +37,8 @@ const NARROW: f64 = 1e-3;
 const SLOPES: usize = 8;
 /// Step of the difference quotient by a share.
 const SHARE_STEP: f64 = 0.01;
-/// Forces along a record that are kept: about as many fits go on at once.
-const LAST: usize = 6;
+/// Forces along a record that are kept: of some fits that go on at once, each about a place.
+const KEPT_FORCES: usize = 6;
 /// Unknowns of a record at most: the zeros of three sensors, the pressure between rows, states of a
 /// creep and a run-in, and the memory of a hysteresis.
 pub(super) const UNKNOWNS: usize = 10;
@@ -86,21 +86,22 @@ impl Begin {
     }
 }
 
-/// What the forces of a muscle depend on: a weight and its frictions are not among it.
-struct Muscle {
+/// What the forces of a muscle depend on: not on a weight and its frictions.
+struct MuscleKey {
     nominal: Nominal,
     effects: Vec<Effect>,
     /// Where its memory began.
     share: Option<f64>,
 }
 
-impl Muscle {
-    fn new(rig: &Rig, share: Option<f64>) -> Muscle {
+impl MuscleKey {
+    fn new(rig: &Rig, share: Option<f64>) -> MuscleKey {
         let is_of_load = |effect: &&Effect| {
-            effect.kind.subsystem == Subsystem::Load && effect.form.observation.is_none()
+            let is_term = || matches!((effect.form.build)(&effect.values), Term::Load(_));
+            effect.form.observation.is_none() && is_term()
         };
         let effects = rig.effects.iter();
-        Muscle {
+        MuscleKey {
             nominal: Nominal {
                 load: Load::Prescribed,
                 ..rig.nominal
@@ -110,7 +111,7 @@ impl Muscle {
         }
     }
 
-    fn is_same(&self, other: &Muscle) -> bool {
+    fn is_same(&self, other: &MuscleKey) -> bool {
         let is_same = |(own, other): (&Effect, &Effect)| {
             std::ptr::eq(own.form, other.form) && own.values == other.values
         };
@@ -122,52 +123,56 @@ impl Muscle {
     }
 }
 
-/// The forces along a record that were known last: a weight's values move, and its effects, where
-/// those of the muscle do not.
+/// The forces last computed along a record: they stay the same while only values and effects of the
+/// weight move.
 #[derive(Default)]
-pub(super) struct LastKnown(Mutex<VecDeque<(Muscle, Arc<Known>)>>);
+pub(super) struct KeptForces(Mutex<VecDeque<(MuscleKey, Arc<KnownForces>)>>);
 
-impl LastKnown {
+impl KeptForces {
     /// Those of the muscle of `rig` whose memory, if it has one, began at this share.
-    pub(super) fn of(
+    pub(super) fn get_or_compute(
         &self,
         rig: &Rig,
         share: Option<f64>,
-        known: impl FnOnce() -> Option<Known>,
-    ) -> Option<Arc<Known>> {
-        let muscle = Muscle::new(rig, share);
-        if let Some((_, known)) = self
-            .0
-            .lock()
-            .ok()?
-            .iter()
-            .find(|own| own.0.is_same(&muscle))
+        compute: impl FnOnce() -> Option<KnownForces>,
+    ) -> Option<Arc<KnownForces>> {
+        let key = MuscleKey::new(rig, share);
         {
-            return Some(Arc::clone(known));
+            let mut kept = self.0.lock().ok()?;
+            if let Some(place) = kept.iter().position(|own| own.0.is_same(&key)) {
+                let latest = kept.remove(place)?;
+                let forces = Arc::clone(&latest.1);
+                kept.push_front(latest);
+                return Some(forces);
+            }
         }
-        let known = Arc::new(known()?);
-        let mut last = self.0.lock().ok()?;
-        last.truncate(LAST - 1);
-        last.push_front((muscle, Arc::clone(&known)));
-        Some(known)
+        let forces = Arc::new(compute()?);
+        let mut kept = self.0.lock().ok()?;
+        kept.truncate(KEPT_FORCES - 1);
+        kept.push_front((key, Arc::clone(&forces)));
+        Some(forces)
     }
 }
 
 /// The forces of a muscle whose memory, if it has one, began at a known place, and what states that
 /// fade add to them.
-pub(super) struct Known {
+pub(super) struct KnownForces {
     forces: Vec<ForceRange>,
     fading: Vec<Fading>,
 }
 
-impl Known {
+impl KnownForces {
     /// With a memory that began at this share, if it has one.
-    pub(super) fn new(forces: &Forces, fading: Vec<Fading>, share: Option<f64>) -> Option<Known> {
+    pub(super) fn new(
+        forces: &Forces,
+        fading: Vec<Fading>,
+        share: Option<f64>,
+    ) -> Option<KnownForces> {
         let forces = match share {
             Some(share) => forces.begun_n(share)?,
             None => forces.settled_n()?,
         };
-        Some(Known { forces, fading })
+        Some(KnownForces { forces, fading })
     }
 
     /// See [`begun`]: for a memory that moves from the place of `begin` in proportion only.

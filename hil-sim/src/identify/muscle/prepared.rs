@@ -1,6 +1,6 @@
 //! A record made ready: its noise, its motion, and where its force and balance are looked at.
 
-use super::begin::LastKnown;
+use super::begin::KeptForces;
 use super::kernel::{KERNEL_REACH, Kernel, norm};
 use super::play::{bridged, contacts, dips, reaches};
 use super::smoothed::{smoothed, without_short_ways};
@@ -223,7 +223,7 @@ pub(super) struct Prepared {
     /// Its effects are settled as it begins.
     pub(super) settled: bool,
     pub(super) zeros: Zeros,
-    pub(super) last_known: LastKnown,
+    pub(super) kept_forces: KeptForces,
     /// What is doubtful about it.
     pub(super) warnings: Vec<String>,
 }
@@ -383,7 +383,7 @@ impl Prepared {
             gas_doubts_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
             zeros: Zeros::default(),
-            last_known: LastKnown::default(),
+            kept_forces: KeptForces::default(),
             warnings,
         };
         prepared.motion(record, contraction);

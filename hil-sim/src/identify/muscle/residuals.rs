@@ -1,7 +1,7 @@
 //! Residuals of each block: what a rig makes of a record's inputs, against what was measured.
 
 use super::along::Along;
-use super::begin::{Begin, Known, begun, without};
+use super::begin::{Begin, KnownForces, begun, without};
 use super::finer::{finer, parts};
 use super::force::{Fading, Force, ForceRange, Forces, remembers};
 use super::play::{play, without_further_play};
@@ -20,6 +20,7 @@ use muscle_plant::subsystem::sensors::Reading;
 use muscle_plant::subsystem::term::Terms;
 use muscle_plant::subsystem::{Subsystem, Term};
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 /// The stop is where the contraction is 0, to within this \[-\].
 const STOP_PLACE: f64 = 1e-4;
@@ -229,12 +230,17 @@ impl Prepared {
             return begun(&forces, &self.fading(&forces)?, zeros, residuals);
         }
         let share = begin.map(Begin::share);
-        let known = self.last_known.of(rig, share, || {
+        let compute = || {
             let ways = self.ways(rig);
             let forces = Forces::new(rig, &ways, force)?;
-            Known::new(&forces, self.fading(&forces)?, share)
-        });
-        known?.residuals(zeros, begin, residuals)
+            KnownForces::new(&forces, self.fading(&forces)?, share)
+        };
+        let known = match force {
+            // Where the force is read, what moves are values of the muscle.
+            Force::Read => Arc::new(compute()?),
+            Force::True => self.kept_forces.get_or_compute(rig, share, compute)?,
+        };
+        known.residuals(zeros, begin, residuals)
     }
 
     /// How the residuals of the gas change by the zero of its sensor, off by its noise: whoever
