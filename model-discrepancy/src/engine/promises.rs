@@ -35,10 +35,10 @@ impl<M: Model> Engine<'_, M> {
     /// What each candidate promises beyond `base`: by how much it would lower the cost of all
     /// records, if residuals changed in proportion to it, nominal values and effects of `base`
     /// moved with it; the best of its starts. The predicted records count, as an effect may not be
-    /// moved in the others. Costs one evaluation a start, or two. A candidate is tried from its first
-    /// start only if, beside others, that promises little, or, where there are none, all its blocks
-    /// have dead zones, in which promises cannot be believed; an effect of `base` promises nothing.
-    /// What all starts have promised where `base` is no other is known.
+    /// moved in the others. Costs one evaluation a start, or two. A candidate is tried from its
+    /// first start only if, beside others, that promises little, or, where there are none, all its
+    /// blocks have dead zones, in which promises cannot be believed; an effect of `base` promises
+    /// nothing. What all starts have promised where `base` is no other is known.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let all = self.model.candidates();
         let groups = self.groups(&base.candidates);

@@ -213,8 +213,8 @@ impl Prepared {
         forces.fading()
     }
 
-    /// Residuals, by the force of its muscle, with a memory that begins where it fits best or near a
-    /// `begin`; see [`begun`].
+    /// Residuals, by the force of its muscle, with a memory that begins where it fits best or near
+    /// a `begin`; see [`begun`].
     pub(super) fn begun(
         &self,
         (rig, force): (&Rig, Force),
