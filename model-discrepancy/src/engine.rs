@@ -16,6 +16,7 @@ pub use marginal::{Judgement, Shape};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashMap};
+use std::ops::Range;
 use std::sync::{Mutex, OnceLock};
 
 /// One parameter of a candidate.
@@ -371,14 +372,8 @@ impl<'a> About<'a> {
         base: &Residuals,
         values: (&[f64], &[Active]),
     ) -> Option<About<'a>> {
-        let mut first = 0;
-        let located = problem.pieces().map(|(record, block)| {
-            let rows = first..first + model.rows(record, block);
-            first = rows.end;
-            (record, block, rows)
-        });
-        let located: Vec<_> = located.collect();
-        let pieces = located.into_par_iter().map(|(record, block, rows)| {
+        let located: Vec<_> = problem.located().collect();
+        let pieces = located.into_par_iter().map(|((record, block), rows)| {
             let found = &base.values[rows.clone()];
             let near = model.near((record, block), problem.expected, values, found);
             let own = match &near {
@@ -481,6 +476,16 @@ impl<'a, M: Model> Problem<'a, M> {
     fn pieces(&self) -> impl Iterator<Item = (usize, usize)> + use<'a, M> {
         let (records, blocks) = (0..self.records, self.blocks);
         records.flat_map(move |record| blocks.iter().map(move |block| (record, *block)))
+    }
+
+    /// The pieces, each with its rows among the residuals of all.
+    fn located(&self) -> impl Iterator<Item = ((usize, usize), Range<usize>)> + use<'a, M> {
+        let (model, mut first) = (self.model, 0);
+        self.pieces().map(move |(record, block)| {
+            let rows = first..first + model.rows(record, block);
+            first = rows.end;
+            ((record, block), rows)
+        })
     }
 
     fn piece(&self, x: &DVector<f64>, (record, block): (usize, usize)) -> Option<Residuals> {

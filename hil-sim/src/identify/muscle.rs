@@ -24,7 +24,7 @@ use crate::identify::simulate::simulate;
 use crate::record::{CONTRACTION, FORCE_N, PRESSURE_REF_PA, Record};
 use crate::rig::{KEYS, Key, Rig, Tolerance};
 use begin::{Begin, UNKNOWNS, without};
-use force::{Force, ForceRange, Forces, remembers};
+use force::{Force, ForceRange, remembers};
 use model_discrepancy::engine::{Active, Candidate, Coordinate, Model, Near, Parameter};
 use model_discrepancy::evidence::Blocks;
 use model_discrepancy::least_squares::{Residuals, loss};
@@ -717,12 +717,13 @@ impl MuscleModel {
         if !remembers(&rig) {
             return None;
         }
-        let ways = record.ways(&rig);
-        let forces = Forces::new(&rig, &ways, force)?;
         let deviation = found[rows + UNKNOWNS - 1];
-        Begin::found(&forces, deviation, |forces| match name {
+        let residuals = |forces: &[ForceRange]| match name {
             FORCE => force_residuals(record, forces),
             _ => balances(record, &rig, forces),
+        };
+        record.with_forces((&rig, force), |forces| {
+            Begin::found(forces, deviation, residuals)
         })
     }
 

@@ -183,7 +183,12 @@ impl KnownForces {
         residuals: impl Fn(&[ForceRange]) -> Option<Residuals>,
     ) -> Option<Residuals> {
         with_slopes(&self.fading, zeros.len(), |off| {
-            let own = Own::new(&self.fading, zeros, off, &residuals);
+            let own = Own {
+                fading: &self.fading,
+                zeros,
+                off,
+                residuals: &residuals,
+            };
             own.without(&self.forces, begin)
         })
     }
@@ -201,7 +206,12 @@ pub(super) fn begun(
 ) -> Option<Residuals> {
     let ends = forces.ends()?;
     with_slopes(fading, zeros.len(), |off| {
-        let own = Own::new(fading, zeros, off, &residuals);
+        let own = Own {
+            fading,
+            zeros,
+            off,
+            residuals: &residuals,
+        };
         own.begun_best(forces, &ends)
     })
 }
@@ -239,16 +249,7 @@ struct Own<'a, R> {
     residuals: &'a R,
 }
 
-impl<'a, R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'a, R> {
-    fn new(fading: &'a [Fading], zeros: &'a [Vec<f64>], off: &'a [f64], residuals: &'a R) -> Self {
-        Own {
-            fading,
-            zeros,
-            off,
-            residuals,
-        }
-    }
-
+impl<R: Fn(&[ForceRange]) -> Option<Residuals>> Own<'_, R> {
     fn residuals(&self, forces: &[ForceRange]) -> Option<Residuals> {
         if self.off.iter().all(|off| *off == 0.0) {
             return (self.residuals)(forces);

@@ -213,6 +213,16 @@ impl Prepared {
         forces.fading()
     }
 
+    /// What `of` makes of the force of the muscle of `rig`.
+    pub(super) fn with_forces<T>(
+        &self,
+        (rig, force): (&Rig, Force),
+        of: impl FnOnce(&Forces) -> Option<T>,
+    ) -> Option<T> {
+        let ways = self.ways(rig);
+        of(&Forces::new(rig, &ways, force)?)
+    }
+
     /// Residuals, by the force of its muscle, with a memory that begins where it fits best or near
     /// a `begin`; see [`begun`].
     pub(super) fn begun(
@@ -225,15 +235,15 @@ impl Prepared {
         let remembers = remembers(rig);
         let begin = begin.filter(|_| remembers);
         if begin.is_none() && remembers {
-            let ways = self.ways(rig);
-            let forces = Forces::new(rig, &ways, force)?;
-            return begun(&forces, &self.fading(&forces)?, zeros, residuals);
+            return self.with_forces((rig, force), |forces| {
+                begun(forces, &self.fading(forces)?, zeros, residuals)
+            });
         }
         let share = begin.map(Begin::share);
         let compute = || {
-            let ways = self.ways(rig);
-            let forces = Forces::new(rig, &ways, force)?;
-            KnownForces::new(&forces, self.fading(&forces)?, share)
+            self.with_forces((rig, force), |forces| {
+                KnownForces::new(forces, self.fading(forces)?, share)
+            })
         };
         let known = match force {
             // Where the force is read, what moves are values of the muscle.
