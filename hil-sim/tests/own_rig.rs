@@ -77,8 +77,9 @@ fn the_page_from_a_data_sheet_to_a_board_holds() {
     let this = env!("CARGO_BIN_EXE_hil-sim");
     std::fs::copy(this, programs.join("hil-sim")).expect("copied");
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(root().join("target"), PathBuf::from);
-    // What is installed goes through this place, where later tests look for it.
-    let before = std::fs::read(this).expect("the program");
+    // What is installed goes through this place, where others look for the program.
+    let built = target.join("release/hil-sim");
+    let before = std::fs::read(&built);
     let path = std::env::var_os("PATH").expect("a path");
     let paths = [programs].into_iter().chain(std::env::split_paths(&path));
     let typed = Command::new("bash")
@@ -89,7 +90,10 @@ fn the_page_from_a_data_sheet_to_a_board_holds() {
         .env("CARGO_TARGET_DIR", target)
         .output()
         .expect("bash");
-    std::fs::write(this, before).expect("put back");
+    match before {
+        Ok(program) => std::fs::write(built, program).expect("put back"),
+        Err(_) => drop(std::fs::remove_file(built)),
+    }
     let told = String::from_utf8_lossy(&typed.stdout);
     let complaint = String::from_utf8_lossy(&typed.stderr);
     assert!(typed.status.success(), "{told}\n{complaint}");

@@ -8,7 +8,7 @@
 pub mod benchmarks;
 pub mod cylinder;
 pub mod muscle;
-/// The plants that are built with the packaged estimator, too.
+// Built with the packaged estimator, too. A doc comment here would take its links for this file's.
 #[path = "../../plants/src/lib.rs"]
 pub mod plants;
 pub mod report;
