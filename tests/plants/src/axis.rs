@@ -11,6 +11,10 @@ use std::path::Path;
 /// M \[kg\], Fv \[N·s/m\], Fc \[N\] and F0 \[N\] with standard deviations: of a data sheet, of
 /// friction that nobody knows, and of an analog output's zero, 10 mV at 35 N/V.
 const NOMINAL: [(f64, f64); 4] = [(95.0, 10.0), (200.0, 60.0), (20.0, 6.0), (0.0, 0.35)];
+/// Period of the screw's ripple \[m\], and the standard deviation of its sine and cosine, 5 % of
+/// the friction \[N\]. Its phase is another one each time the encoder is switched on.
+const RIPPLE_M: f64 = 2.5e-3;
+const RIPPLE_N: f64 = 1.0;
 /// Noise of a smoothed row \[N\].
 pub const NOISE_N: f64 = 0.1;
 /// Samples \[s\], those that are averaged before all else and for the slow part, and from row to
@@ -34,7 +38,7 @@ pub struct Axis {
     acceleration: Vec<f64>,
 }
 
-/// M, Fv, Fc and F0.
+/// M, Fv, Fc and F0, which is what one record tells of another.
 pub fn values(nominal: &[f64]) -> [f64; 4] {
     std::array::from_fn(|i| NOMINAL[i].0 + NOMINAL[i].1 * nominal[i])
 }
@@ -47,12 +51,9 @@ pub fn resistance(nominal: &[f64], effects: &Present, (x, v): (f64, f64), slid: 
     let width = effects.value("low-speed-friction", 1).max(1e-9);
     let friction = coulomb + effects.size("low-speed-friction") * (-v.abs() / width).exp();
     let uneven = effects.value("asymmetric-friction", 1) * v.abs();
-    let [sine, cosine, pitch] = std::array::from_fn(|i| effects.value("screw-ripple", i));
-    let angle = std::f64::consts::TAU * x / if pitch > 0.0 { pitch } else { 1.0 };
-    let ripple = sine * angle.sin() + cosine * angle.cos();
     let along = size("friction-along-screw") * x;
     let late = effects.value("low-speed-friction", 2) * (slid - v.signum());
-    let more = size("asymmetric-friction") + uneven + size("cable-spring") * x + ripple + late;
+    let more = size("asymmetric-friction") + uneven + size("cable-spring") * x + late;
     let more = more + effects.formula("friction", v / SPEED_M_PER_S);
     (friction + along) * v.signum() + (viscous + size("drag") * v.abs()) * v + constant + more
 }
@@ -80,7 +81,7 @@ impl Law for Axis {
     const BLOCKS: &[&str] = &["slow force", "fast force"];
     /// 5 % of the friction, 1 N, and a third of that.
     const BASE: &[f64] = &[1.0 / NOISE_N, 0.3 / NOISE_N];
-    const NOMINALS: usize = NOMINAL.len();
+    const NOMINALS: usize = NOMINAL.len() + 2;
 
     fn catalogue() -> Vec<Candidate> {
         let force = |name| parameter(name, "N", (-50.0, 50.0), 5.0);
@@ -88,12 +89,10 @@ impl Law for Axis {
         let delay = parameter("delay_s", "s", (0.0, 0.01), 5e-4);
         let drag = parameter("n_s2_per_m2", "N·s²/m²", (-2e3, 2e3), 300.0);
         let spring = parameter("n_per_m", "N/m", (-500.0, 500.0), 20.0);
-        let pitch = scale("pitch_m", "m", (2e-3, 0.1), 0.01);
         let speed = scale("speed_m_per_s", "m/s", (1e-4, 0.1), 0.01);
         let distance = scale("distance_m", "m", (1e-6, 1e-3), 3e-5);
         let late = parameter("late_n", "N", (0.0, 50.0), 5.0);
         let slow = [force("more_n"), speed, late, distance];
-        let ripple = [force("sine_n"), force("cosine_n"), pitch];
         let uneven = [force("difference_n"), viscous];
         let both = &[0, 1];
         vec![
@@ -105,7 +104,6 @@ impl Law for Axis {
             candidate("drag", "quadratic", both, &[drag]),
             candidate("cable-spring", "linear", both, &[spring]),
             candidate("friction-along-screw", "linear", both, &[spring]),
-            candidate("screw-ripple", "sine", both, &ripple),
         ]
     }
 
@@ -118,7 +116,9 @@ impl Law for Axis {
         let motion = self.position_m.iter().zip(&self.speed);
         let resistance = motion.scan(0.0, |share, (x, v)| {
             *share = slid(*share, v * SAMPLE_S, effects.value("low-speed-friction", 3));
-            Some(resistance(nominal, effects, (*x, *v), *share))
+            let (sine, cosine) = (std::f64::consts::TAU * x / RIPPLE_M).sin_cos();
+            let ripple_n = RIPPLE_N * (nominal[4] * sine + nominal[5] * cosine);
+            Some(resistance(nominal, effects, (*x, *v), *share) + ripple_n)
         });
         let (mass, delay) = (values(nominal)[0], effects.size("delay") / SAMPLE_S);
         let resistance = smooth(&resistance.collect::<Vec<f64>>(), AVERAGED);
