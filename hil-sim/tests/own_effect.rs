@@ -191,6 +191,8 @@ fn wrong_names_and_units_are_told_with_their_line() {
     assert_refused(&inflow, 4, "one of outflow_kg_per_s, heat_transfer");
     let gass = "subsystem = \"gass\"\nadds.x = \"1\"";
     assert_refused(gass, 2, "did you mean gas?");
+    let quantities = format!("{LEAK}law_quantities = [\"pressure\"]\n{FLOW}");
+    assert_refused(&quantities, 4, "did you mean pressure_pa?");
     let add = "subsystem = \"gas\"\nadd.x = \"1\"";
     assert_refused(add, 3, "unknown field `add`");
     let reserved = LEAK.replace("g_kg_per_pa_s", "max") + FLOW;

@@ -14,7 +14,7 @@ use muscle_plant::effects::{Catalogue, EffectKind};
 use muscle_plant::nominal::Load;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use toml_edit::{DocumentMut, Item, Table};
+use toml_edit::{Array, DocumentMut, Item, Table, value};
 
 /// The terms, each a table `[own_effect.NAME]` in one paragraph.
 const TERMS: &str = include_str!("terms.toml");
@@ -163,7 +163,16 @@ fn tables(rig: &Rig, rhythms: Rhythms) -> Table {
         .replace("MANY_FLOW", &number(2.0 * flow))
         .replace("FLOW", &number(0.05 * flow))
         .replace("PRESSURE_PA", "3e5");
-    own_effect::tables(text.parse().unwrap_or_default())
+    let mut tables = own_effect::tables(text.parse().unwrap_or_default());
+    // What has no name may vary with anything.
+    let quantities: Array = own_effect::QUANTITIES
+        .iter()
+        .map(|(name, _)| *name)
+        .collect();
+    for (_, table) in tables.iter_mut() {
+        table["law_quantities"] = value(quantities.clone());
+    }
+    tables
 }
 
 /// `rig` with the terms on `places`, and of readings, in the place of all effects that may be

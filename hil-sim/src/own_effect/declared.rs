@@ -28,6 +28,13 @@ pub const FILES_KEY: &str = "own_effect_files";
 const PARAMETERS_MAX: usize = 5;
 /// States at most.
 const STATES_MAX: usize = 6;
+/// The quantities with which the law of an effect may vary, by name.
+pub(crate) const QUANTITIES: [(&str, Quantity); 4] = [
+    ("pressure_pa", Quantity::Pressure),
+    ("pressure_rate_pa_per_s", Quantity::PressureRate),
+    ("contraction", Quantity::Contraction),
+    ("contraction_rate_per_s", Quantity::ContractionRate),
+];
 /// Typical values of a state, in SI units.
 const TYPICAL: RangeInclusive<f64> = 1e-12..=1e12;
 
@@ -41,6 +48,7 @@ struct Declared {
     #[serde(default = "not_stated")]
     test_signal: String,
     discrepancy_ratio: Option<Spanned<f64>>,
+    law_quantities: Option<Vec<Spanned<String>>>,
     #[serde(default)]
     form: IndexMap<String, Spanned<DeclaredForm>>,
     source: Option<String>,
@@ -292,7 +300,7 @@ fn with_forms(name: &str, spanned: &Spanned<Declared>) -> Result<EffectKind, Wro
         signature: leaked(&declared.signature),
         test_signal: leaked(&declared.test_signal),
         discrepancy_ratio: discrepancy_ratio.map_or(DISCREPANCY_RATIO, |ratio| *ratio.get_ref()),
-        law_quantities: Quantity::ALL,
+        law_quantities: law_quantities(declared.law_quantities.as_deref(), subsystem)?,
         compensation: CompensationMethod::Unavailable(
             "the controller does not know effects of one's own",
         ),
@@ -318,6 +326,40 @@ fn shows(
         ),
         _ => (&[Equation::Gas], &[]),
     }
+}
+
+/// The quantities of those names, with which the law of an effect may vary; without names those
+/// that a part of `subsystem` can feel: a valve knows nothing of the contraction.
+fn law_quantities(
+    names: Option<&[Spanned<String>]>,
+    subsystem: Subsystem,
+) -> Result<&'static [Quantity], Wrong> {
+    let Some(names) = names else {
+        return Ok(match subsystem {
+            Subsystem::MuscleForce => &[
+                Quantity::Pressure,
+                Quantity::Contraction,
+                Quantity::ContractionRate,
+            ],
+            Subsystem::Load => &[Quantity::Contraction, Quantity::ContractionRate],
+            Subsystem::Sensor => &[Quantity::Pressure, Quantity::Contraction],
+            Subsystem::Valve | Subsystem::Line | Subsystem::Supply => {
+                &[Quantity::Pressure, Quantity::PressureRate]
+            }
+            Subsystem::Gas => Quantity::ALL,
+        });
+    };
+    let quantity = |name: &Spanned<String>| {
+        let found = QUANTITIES.iter().find(|(own, _)| own == name.get_ref());
+        let found = found.map(|(_, quantity)| *quantity);
+        found.ok_or_else(|| Wrong {
+            key: ".law_quantities".into(),
+            span: name.span(),
+            expected: one_of(&QUANTITIES.map(|(own, _)| own), name.get_ref()),
+        })
+    };
+    let quantities: Vec<_> = names.iter().map(quantity).collect::<Result<_, _>>()?;
+    Ok(quantities.leak())
 }
 
 /// The subsystem of that name.

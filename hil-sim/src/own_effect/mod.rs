@@ -6,5 +6,6 @@ mod expression;
 mod term;
 mod tried;
 
+pub(crate) use declared::QUANTITIES;
 pub use declared::{FILES_KEY, KEY, from_toml, read_file, tables};
 pub(crate) use dimension::Dimension;
