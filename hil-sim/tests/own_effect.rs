@@ -40,6 +40,9 @@ fn compare(name: &str, built_in: &str, own: &str) {
     let kind = of_example.effects[0].kind;
     let known = of_catalogue.catalogue.find(name).expect("a kind");
     assert!(!std::ptr::eq(known, kind));
+    // What a diagnosis lets vary decides as much as the equations do.
+    assert_eq!(known.law_quantities, kind.law_quantities, "{name}");
+    assert_eq!(known.discrepancy_ratio, kind.discrepancy_ratio, "{name}");
     let drive = steps(0.01);
     let [expected, found] = [&of_catalogue, &of_example]
         .map(|rig| simulate(rig, &drive, 1e-8).unwrap_or_else(|error| panic!("{name}: {error}")));
