@@ -94,7 +94,8 @@ valve-dead-zone; asymmetric; filling_pa = 5e3, exhausting_pa = 1.2e4
 valve-lag; first-order; time_constant_s = 0.04
 valve-lag; second-order; time_constant_s = 0.04, damping_ratio = 0.5
 transport-delay; ; delay_s = 0.03
-supply-droop; ; reservoir_volume_m3 = 8e-4, recovery_time_s = 3.0
+supply-droop; linear; reservoir_volume_m3 = 8e-4, recovery_time_s = 3.0
+supply-droop; orifice; reservoir_volume_m3 = 8e-4, conductance_kg_per_pa_s = 3e-9
 pressure-sensor-offset; ; offset_pa = 4e3
 contraction-sensor-offset; ; offset = 0.01
 force-sensor-offset; ; offset_n = 8.0
