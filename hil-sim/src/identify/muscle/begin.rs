@@ -39,9 +39,9 @@ const SLOPES: usize = 8;
 const SHARE_STEP: f64 = 0.01;
 /// Forces along a record that are kept: of some fits that go on at once, each about a place.
 const KEPT_FORCES: usize = 6;
-/// Unknowns of a record at most: the zeros of three sensors, the pressure between rows, states of a
-/// creep and a run-in, and the memory of a hysteresis.
-pub(super) const UNKNOWNS: usize = 10;
+/// Unknowns of a record at most: the zeros of three sensors, two of the pressure between rows, six
+/// states of each of three effects, as many as one may have, and the memory of a hysteresis.
+pub(super) const UNKNOWNS: usize = 3 + 2 + 3 * 6 + 1;
 
 /// Where the memory of a record begins.
 pub(super) struct Begin {
@@ -545,5 +545,20 @@ mod tests {
         assert!(size(&forgiven) < 0.01);
         let left = size(&without(of(0.4, 1.0), &unknown, None));
         assert!((left - 0.5_f64.sqrt()).abs() < 0.02, "{left}");
+    }
+
+    /// Sensors, the pressure between rows and three effects, a state of which is in each row.
+    #[test]
+    fn states_of_three_effects_leave_the_memory_its_place() {
+        let of = |own: usize| (0..40).map(move |row| f64::from(u8::from(row == own)));
+        let unknown: Vec<Vec<f64>> = (0..UNKNOWNS - 1).map(|own| of(own).collect()).collect();
+        let residuals = Residuals::exact(vec![1.0; 40]);
+        let told = without(residuals, &unknown, None).values.split_off(40);
+        let (memory, states) = told.split_last().expect("unknowns");
+        assert_eq!(*memory, 0.0);
+        assert!(
+            states.iter().all(|own| (own + 0.5).abs() < 1e-6),
+            "{told:?}"
+        );
     }
 }

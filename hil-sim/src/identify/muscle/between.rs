@@ -4,7 +4,8 @@
 //! Readings at the rows alone all see the same part of that: taken to be straight in between, the
 //! pressure is late by up to half an interval, which looks like a damping of the load. The
 //! simulated valve tells how it went, as far as it is the rig's: where it misses the next reading,
-//! it may have missed it from the begin of the interval on, or at its end only.
+//! it may have missed it from the begin of the interval on, or at its end only: by chance in each,
+//! and in all of a record alike, as a sensor's gain makes the valve seem to miss on and on.
 
 use super::finer::{cubic, finer, parts};
 use super::prepared::Prepared;
@@ -30,7 +31,10 @@ const LEFT: [f64; 2] = [0.25, 0.354];
 struct Between {
     /// Its mean above the straight line between the rows \[Pa\].
     bow_pa: f64,
-    /// Standard deviation of that \[Pa\].
+    /// By how much more that is if the simulated valve has missed the next reading from the begin
+    /// on, by one standard deviation of when it has \[Pa\].
+    missed_pa: f64,
+    /// The same whatever its sign is: a standard deviation \[Pa\].
     doubt_pa: f64,
 }
 
@@ -68,6 +72,7 @@ pub(super) fn tell(record: &mut Prepared, rig: &Rig) {
     let above_smooth =
         |(row, own): (usize, &Between)| own.bow_pa - smooth_bow_pa(time_s, read_pa, row);
     record.between_pa = rows.iter().enumerate().map(above_smooth).collect();
+    record.missed_pa = rows.iter().map(|own| own.missed_pa).collect();
     let Load::Weight(weight) = rig.nominal.load else {
         return;
     };
@@ -171,6 +176,7 @@ fn about_rows(time_s: &[f64], intervals: &[Between]) -> Vec<Between> {
         };
         Between {
             bow_pa: mean(|own| own.bow_pa),
+            missed_pa: mean(|own| own.missed_pa),
             doubt_pa: mean(|own| own.doubt_pa),
         }
     };
@@ -202,11 +208,14 @@ fn intervals(gas: &Record, rig: &Rig, noise_pa: f64) -> Option<Vec<Between>> {
         let end_pa = value_pa(*parts);
         let mean_pa = mean(*parts, value_pa);
         first += *parts;
-        let missed_pa = (read_pa[row + 1] - end_pa).abs() - MISS_NOISES * noise_pa;
+        let missed_pa = read_pa[row + 1] - end_pa;
+        let surely_pa = (missed_pa.abs() - MISS_NOISES * noise_pa).max(0.0);
+        // The mean is off by a share between −½ and ½ of what was missed; a gap tells nothing.
+        let doubt_pa = surely_pa / 12.0_f64.sqrt();
         Between {
             bow_pa: mean_pa - 0.5 * (begin_pa + end_pa),
-            // The mean is off by a share between −½ and ½ of what was missed; a gap tells nothing.
-            doubt_pa: missed_pa.max(0.0) / 12.0_f64.sqrt(),
+            missed_pa: doubt_pa.copysign(missed_pa),
+            doubt_pa,
         }
     };
     Some(parts.iter().enumerate().map(bow).collect())
@@ -236,7 +245,6 @@ mod tests {
     use super::*;
     use crate::identify::simulate::simulate;
     use crate::record::PRESSURE_REF_PA;
-    use model_discrepancy::least_squares::Residuals;
     use muscle_plant::simulation::TOLERANCE;
     use std::borrow::Cow;
 
@@ -322,20 +330,41 @@ mod tests {
         let mut prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
         let record = &mut prepared[0];
         tell(record, &rig);
-        let read = [Cow::Borrowed(&record.measured)];
-        let forces = Forces::new(&rig, &read, Force::True).expect("forces");
-        let missed = balances(record, &rig, &forces.settled_n().expect("forces"));
-        let missed = missed.expect("a balance");
-        let rms_n = |residuals: Residuals| {
-            let outside = residuals.outside().zip(&record.places);
-            let squares = outside.map(|(value, place)| (value / place.per_noise).powi(2));
-            (squares.sum::<f64>() / record.places.len() as f64).sqrt()
-        };
         let zeros = record.zeros_of_balances(&rig, false);
         let (bow, others) = zeros.split_last().expect("a bow");
-        let [with, by_zeros] = [&[bow.clone()][..], others]
-            .map(|unknown| rms_n(without(missed.clone(), unknown, None)));
+        let [with, by_zeros] =
+            [&[bow.clone()][..], others].map(|unknown| missed_n(record, &rig, unknown));
         assert!(with < 0.25 * by_zeros, "{with} of {by_zeros}");
+    }
+
+    /// RMS of what is left of the balance of the load beside what is `unknown` \[N\].
+    fn missed_n(record: &Prepared, rig: &Rig, unknown: &[Vec<f64>]) -> f64 {
+        let read = [Cow::Borrowed(&record.measured)];
+        let forces = Forces::new(rig, &read, Force::True).expect("forces");
+        let missed = balances(record, rig, &forces.settled_n().expect("forces"));
+        let left = without(missed.expect("a balance"), unknown, None);
+        let outside = left.outside().zip(&record.places);
+        let squares = outside.map(|(value, place)| (value / place.per_noise).powi(2));
+        (squares.sum::<f64>() / record.places.len() as f64).sqrt()
+    }
+
+    /// A reference that is read 10 kPa too low: from each reading the simulated valve falls that
+    /// far within the interval, the same in all. What it makes of the balance is one unknown.
+    #[test]
+    fn a_valve_that_misses_all_readings_leaves_nothing_in_the_balance_of_the_load() {
+        let rig = Rig::reference();
+        let (_, mut coarse) = stepped(&rig);
+        let reference_pa = coarse.column(PRESSURE_REF_PA).expect("a reference");
+        let low_pa = reference_pa.iter().map(|pa| pa - 1e4).collect();
+        coarse.set(PRESSURE_REF_PA, low_pa);
+        let mut prepared = Prepared::all(&rig, [&coarse].into_iter(), None).expect("prepared");
+        let record = &mut prepared[0];
+        tell(record, &rig);
+        let mut zeros = record.zeros_of_balances(&rig, false);
+        let with = missed_n(record, &rig, &zeros);
+        zeros.remove(zeros.len() - 2);
+        let by_others = missed_n(record, &rig, &zeros);
+        assert!(with < 0.25 * by_others, "{with} of {by_others}");
     }
 
     /// Rows through a kernel, with what the pressure does between them, are what fifty times as

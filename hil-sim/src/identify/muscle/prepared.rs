@@ -217,6 +217,9 @@ pub(super) struct Prepared {
     /// Of each row: by how much the mean pressure about it is above that of a smooth one through
     /// the rows \[Pa\]; empty where that is not known.
     pub(super) between_pa: Vec<f64>,
+    /// Of each row: by how much more that is if the gas has missed readings from the begin of each
+    /// interval on, by one standard deviation of when it has \[Pa\]; empty where that is not known.
+    pub(super) missed_pa: Vec<f64>,
     /// Of each row: how far the gas may be off for what the contraction does between the rows
     /// \[Pa\]; empty where that is not known.
     pub(super) gas_doubts_pa: Vec<f64>,
@@ -380,6 +383,7 @@ impl Prepared {
             force_span: Span::of(checked, FORCE_N),
             contraction_moves: checked.signal(CONTRACTION).is_some_and(Signal::moves),
             between_pa: Vec::new(),
+            missed_pa: Vec::new(),
             gas_doubts_pa: Vec::new(),
             settled: begins_at_rest(rig, record, &noise),
             zeros: Zeros::default(),

@@ -302,22 +302,27 @@ impl Prepared {
         } else {
             self.zeros_n(rig)
         };
-        zeros_n.extend(self.bows_n(rig));
+        zeros_n.extend(self.between_n(rig));
         let at = |place: &Place, n: &[f64]| place.kernel.value(n) * place.per_noise;
         let of = |n: &Vec<f64>| self.places.iter().map(|place| at(place, n)).collect();
         zeros_n.iter().map(of).collect()
     }
 
-    /// What a pressure that bows [`BOW_SHARE`] more between rows than the simulated one does makes
-    /// of the muscle's force, row by row \[N\]; none where it is not known to bow.
-    fn bows_n(&self, rig: &Rig) -> Option<Vec<f64>> {
-        let contraction = self.measured.column(CONTRACTION)?;
-        let bow_n = |(contraction, bow_pa): (&f64, &f64)| {
-            let n = BOW_SHARE * bow_pa * rig.nominal.muscle.force_per_pressure_m2(*contraction);
-            if n.is_finite() { n } else { 0.0 }
+    /// What the muscle's force is more, row by row \[N\], if the simulated valve has missed
+    /// readings from the begin of each interval on, and if the pressure bows [`BOW_SHARE`] more
+    /// between rows than the simulated one does; none where it is not known to bow.
+    fn between_n(&self, rig: &Rig) -> Vec<Vec<f64>> {
+        let contraction = self.measured.column(CONTRACTION).unwrap_or_default();
+        let of = |(share, bows_pa): (f64, &Vec<f64>)| {
+            let bow_n = |(contraction, bow_pa): (&f64, &f64)| {
+                let n = share * bow_pa * rig.nominal.muscle.force_per_pressure_m2(*contraction);
+                if n.is_finite() { n } else { 0.0 }
+            };
+            let rows = contraction.iter().zip(bows_pa);
+            (!bows_pa.is_empty()).then(|| rows.map(bow_n).collect())
         };
-        let rows = contraction.iter().zip(&self.between_pa);
-        (!self.between_pa.is_empty()).then(|| rows.map(bow_n).collect())
+        let unknown = [(1.0, &self.missed_pa), (BOW_SHARE, &self.between_pa)];
+        unknown.into_iter().filter_map(of).collect()
     }
 
     /// What the zeros of pressure and contraction, off by their noise, make of the muscle's force,
