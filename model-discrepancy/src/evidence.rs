@@ -116,6 +116,15 @@ pub(crate) struct Remainder {
 }
 
 impl Remainder {
+    /// That of the first rows.
+    pub(crate) fn first(&self, count: usize) -> Remainder {
+        Remainder {
+            rows: self.rows.first(count),
+            values: self.values.columns(0, count).into_owned(),
+            form_error: self.form_error,
+        }
+    }
+
     /// Products of the columns, the residual last, and half the log determinant of the covariance.
     fn whitened(&self, amplitude: f64, time_constant_s: f64) -> Whitened {
         let (whitened, half_log_determinant) =

@@ -29,6 +29,18 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
+    /// The first of them.
+    pub(crate) fn first(&self, count: usize) -> Rows {
+        let of = |values: &[f64]| values[..count].to_vec();
+        Rows {
+            time_s: of(&self.time_s),
+            begins: self.begins[..count].to_vec(),
+            deviation: of(&self.deviation),
+            base: of(&self.base),
+            left_out: 0,
+        }
+    }
+
     /// `values`, a column for each row, whitened, and half the log determinant of the covariance:
     /// of white noise and an Ornstein–Uhlenbeck process of this amplitude, in bases, by a scalar
     /// Kalman filter.

@@ -297,7 +297,7 @@ pub fn select<M: Model>(engine: &Engine<M>, costs: Costs, watch: Watch) -> Optio
     let more = probability(&posterior, |set| {
         set.unknown != 0 || !set.effects.iter().all(is_certain)
     });
-    let is_more = more >= PROBABLE || !predicts(engine.model, &null, &named);
+    let is_more = more >= PROBABLE || !predicts(engine, &null, &named);
     let verdict = match (named.candidates.is_empty(), is_more) {
         (true, false) => Verdict::Consistent,
         (true, true) => Verdict::Unexplained,
@@ -340,26 +340,6 @@ fn sorted_names(certain: &[(&'static str, Vec<&'static str>, f64)]) -> Vec<&'sta
     names
 }
 
-/// By how much the records that were not fitted are missed beyond their noise and what a sound rig
-/// leaves, and the standard deviation of that if there is nothing but these (of half a
-/// chi-squared).
-fn excess<M: Model>(model: &M, fitted: &Hypothesis) -> (f64, f64) {
-    let parts = fitted.fit.parts.iter();
-    parts.fold((0.0, 0.0_f64), |(sum, deviation), part| {
-        let records = model.fitted()..model.records();
-        let bases = records.flat_map(|record| model.timeline(record, part.block).base);
-        let (squares, rows) = bases.fold((0.0, 0.0_f64), |(squares, rows), base| {
-            (squares + base * base, rows + 1.0)
-        });
-        let variance = 1.0 + squares / rows.max(1.0);
-        let count = part.predicted.count as f64;
-        (
-            sum + (part.predicted.outside - 0.5 * count * variance).max(0.0),
-            deviation.hypot((0.5 * count).sqrt() * variance),
-        )
-    })
-}
-
 /// The block in which the records that were not fitted are missed most.
 fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
     let missed = |part: &&Part| part.predicted.outside - 0.5 * part.predicted.count as f64;
@@ -370,10 +350,16 @@ fn most_missed(fitted: &Hypothesis) -> Vec<usize> {
 
 /// Whether what is named predicts the records that were not fitted: it removes half of what is
 /// missed there without it, if that is more than noise. Laws that explain all records, but with
-/// other values in each, do not. Where no record is held out, nothing speaks against it.
-fn predicts<M: Model>(model: &M, null: &Hypothesis, named: &Hypothesis) -> bool {
-    let ((before, deviation), (after, _)) = (excess(model, null), excess(model, named));
-    named.candidates.is_empty() || before <= NOISE * deviation || after < 0.5 * before
+/// other values in each, do not. Where no record is held out, or nothing can be predicted, nothing
+/// speaks against it.
+fn predicts<M: Model>(engine: &Engine<M>, null: &Hypothesis, named: &Hypothesis) -> bool {
+    if named.candidates.is_empty() {
+        return true;
+    }
+    let missed = engine.missed(null).zip(engine.missed(named));
+    missed.is_none_or(|(before, after)| {
+        before.nats <= NOISE * before.deviation || after.nats < 0.5 * before.nats
+    })
 }
 
 /// Blocks in which probably something is left beside what is named.

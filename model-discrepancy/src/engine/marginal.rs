@@ -6,7 +6,7 @@ use super::{
     START_FACTOR,
 };
 use crate::evidence::{Beside, Blocks, Evidence, Linear, Prior, Remainder, Unknown, log_sum};
-use crate::least_squares::{Residuals, Slopes, at, broyden};
+use crate::least_squares::{Residuals, Slopes, at, broyden, loss};
 use crate::rows::{Rows, Timeline};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -76,6 +76,34 @@ impl Judgement {
     /// What its log evidence may be about its own mode.
     pub fn reach(&self) -> f64 {
         self.log_evidence + self.missing
+    }
+}
+
+/// By how much records that were not fitted are missed beyond their noise and what a sound rig
+/// leaves, in nats, and the standard deviation of that if there is nothing but these (of half a
+/// sum of squares).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Missed {
+    pub(crate) nats: f64,
+    pub(crate) deviation: f64,
+}
+
+impl Missed {
+    /// Of a block of which `fitted` rows were, at weights that these have made most probable, but
+    /// for rows that are priors or have no part in the process.
+    fn of(Remainder { rows, values, .. }: &Remainder, fitted: usize, weights: &[f64]) -> Missed {
+        let with_residual = DVector::from_row_slice(&[weights, &[1.0]].concat());
+        let (mut nats, mut squares) = (0.0, 0.0);
+        for row in (fitted..values.ncols()).filter(|row| rows.base[*row] > 0.0) {
+            let deviation = rows.deviation[row];
+            let variance = 1.0 + (rows.base[row] / deviation).powi(2);
+            nats += loss(values.column(row).dot(&with_residual) / deviation) - 0.5 * variance;
+            squares += variance * variance;
+        }
+        Missed {
+            nats: nats.max(0.0),
+            deviation: (0.5_f64 * squares).sqrt(),
+        }
     }
 }
 
@@ -492,6 +520,30 @@ impl<M: Model> Engine<'_, M> {
             }
         }
         Some(nominal)
+    }
+
+    /// What is missed in the records that were not fitted with values and laws as they are most
+    /// probable by those that were, linear about the fit; none without a solution.
+    pub(crate) fn missed(&self, hypothesis: &Hypothesis) -> Option<Missed> {
+        let mut whole = Missed::default();
+        for (blocks, candidates) in self.groups(&hypothesis.candidates) {
+            let own = self.expansion(hypothesis.clone(), (&blocks, &candidates))?;
+            let is_fitted = |(record, _): &(usize, usize)| *record < self.model.fitted();
+            let fitted = self.located(&blocks).filter(|(piece, _)| is_fitted(piece));
+            let end = fitted.map(|(_, rows)| rows.end).last().unwrap_or(0);
+            let count = |left: &Left| left.merged.partition_point(|rows| rows.start < end);
+            let of_fitted = |left: &Left| left.remainder.first(count(left));
+            let remainders: Vec<Remainder> = own.left.iter().map(of_fitted).collect();
+            let (priors, places) = (own.linear.priors().to_vec(), self.free(&blocks));
+            let linear = Linear::new(remainders.iter(), priors, self.places_of(&places, &blocks));
+            let weights = linear.evidence(Unknown::process(0))?.weights;
+            for left in &own.left {
+                let block = Missed::of(&left.remainder, count(left), weights.as_slice());
+                whole.nats += block.nats;
+                whole.deviation = whole.deviation.hypot(block.deviation);
+            }
+        }
+        Some(whole)
     }
 
     /// The shapes of the candidates of `hypothesis` over the quantities beside the residuals, about
@@ -1311,6 +1363,8 @@ mod tests {
         /// Half width of a dead zone, which is a fifth wider for each deviation of the first
         /// nominal value.
         zone: f64,
+        /// Of as many rows each; the first one is fitted.
+        records: usize,
     }
 
     impl Rows30 {
@@ -1325,6 +1379,7 @@ mod tests {
                 residual,
                 law_of_load: true,
                 zone: 0.0,
+                records: 1,
             }
         }
     }
@@ -1335,7 +1390,7 @@ mod tests {
 
     impl Model for Rows30 {
         fn records(&self) -> usize {
-            1
+            self.records
         }
         fn fitted(&self) -> usize {
             1
@@ -1351,12 +1406,13 @@ mod tests {
         }
         fn residuals(
             &self,
-            _: usize,
+            record: usize,
             _: usize,
             nominal: &[f64],
             effects: &[Active],
         ) -> Option<Residuals> {
-            let rows = (0..ROWS).map(|row| (self.residual)(row, nominal, effects));
+            let rows = record * ROWS..(record + 1) * ROWS;
+            let rows = rows.map(|row| (self.residual)(row, nominal, effects));
             Some(Residuals {
                 slack: vec![self.zone * (1.0 + 0.2 * nominal[0]); ROWS],
                 ..Residuals::exact(rows.collect())
@@ -1368,11 +1424,11 @@ mod tests {
         fn proportional(&self, _: usize) -> bool {
             self.zone == 0.0
         }
-        fn context(&self, _: usize, _: usize) -> Vec<Coordinate> {
+        fn context(&self, record: usize, _: usize) -> Vec<Coordinate> {
             let coordinate = |name, unit, value: fn(usize) -> f64| Coordinate {
                 name,
                 unit,
-                values: (0..ROWS).map(value).collect(),
+                values: (record * ROWS..(record + 1) * ROWS).map(value).collect(),
             };
             vec![
                 coordinate("load", "N", load),
@@ -1461,6 +1517,41 @@ mod tests {
         let waves: Vec<Active> = effects.iter().filter(|own| own.0 == 0).cloned().collect();
         let shape = 40.0 * (0.5 * row as f64).cos();
         modulated(row, nominal, &waves) + size_of(1) * shape * load(row)
+    }
+
+    /// The same in the first record, and with the law the other way round in the second.
+    fn modulated_either_way(row: usize, nominal: &[f64], effects: &[Active]) -> f64 {
+        let shape = 40.0 * (0.5 * row as f64).cos();
+        let turned = if row < ROWS { 0.0 } else { 0.6 };
+        modulated(row, nominal, effects) + turned * shape * load(row)
+    }
+
+    /// What the law of the fitted record predicts of the other one.
+    #[test]
+    fn a_law_predicts_where_it_is_the_same() {
+        let missed = |residual, law_of_load| {
+            let model = Rows30 {
+                records: 2,
+                law_of_load,
+                ..Rows30::new(vec![sized_waves()], residual)
+            };
+            let engine = Engine::new(&model);
+            let of = |candidates: &[usize]| {
+                let fitted = engine.hypothesis(candidates).expect("a fit");
+                engine.missed(&fitted).expect("residuals")
+            };
+            (of(&[]), of(&[0]))
+        };
+        let (null, with_law) = missed(modulated, true);
+        assert!(null.nats > 100.0 * null.deviation, "{null:?}");
+        assert!(with_law.nats < 2.0 * with_law.deviation, "{with_law:?}");
+        let (_, without_law) = missed(modulated, false);
+        assert!(
+            without_law.nats > 50.0 * without_law.deviation,
+            "{without_law:?}"
+        );
+        let (_, turned) = missed(modulated_either_way, true);
+        assert!(turned.nats > without_law.nats, "{turned:?}");
     }
 
     /// By the cost it promises much; the law of the first effect leaves it nothing.
