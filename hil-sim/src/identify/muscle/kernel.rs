@@ -153,6 +153,38 @@ mod tests {
         }
     }
 
+    /// A swing of 6.8 Hz in rows of 50 ms, which look like one of 13.2 Hz as well: through a kernel
+    /// as wide as the rows are apart its force is its curvature, but for the share of that mirror.
+    #[test]
+    fn a_swing_in_few_rows_keeps_its_balance() {
+        let step_s = 0.05;
+        let time_s: Vec<f64> = (0..60).map(|row| step_s * f64::from(row)).collect();
+        let per_s = std::f64::consts::TAU * 6.8;
+        let off = |width_s: f64, phase: f64| {
+            let swing: Vec<f64> = time_s.iter().map(|t| (per_s * t + phase).cos()).collect();
+            let force: Vec<f64> = swing.iter().map(|place| -per_s.powi(2) * place).collect();
+            let kernel = Kernel::at(&time_s, 1.513, width_s);
+            (kernel.value(&force) - kernel.second(&swing)) / per_s.powi(2)
+        };
+        let largest = |width_s: f64| {
+            let phases = (0..60).map(|n| 0.1 * f64::from(n));
+            phases
+                .map(|phase| off(width_s, phase).abs())
+                .fold(0.0, f64::max)
+        };
+        let mirror = |width_s: f64| {
+            let per_s = std::f64::consts::TAU / step_s - per_s;
+            (-0.5 * (per_s * width_s).powi(2)).exp()
+        };
+        let ratio = (13.2_f64 / 6.8).powi(2) - 1.0;
+        assert!(
+            largest(step_s) < 4.0 * ratio * mirror(step_s),
+            "{}",
+            largest(step_s)
+        );
+        assert!(largest(0.8 * step_s) > 10.0 * largest(step_s));
+    }
+
     /// Rows of 10 ms about a width of as much, one of the outermost left out by a rounded time.
     #[test]
     fn curvature_and_slope_are_exact_where_the_rows_are_not_even() {

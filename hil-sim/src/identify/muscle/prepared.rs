@@ -25,7 +25,9 @@ const OF_GAS: [&str; 5] = [
     SUPPLY_PA,
     VALVE_OPEN,
 ];
-/// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle.
+/// Width (standard deviation) of the smooth kernel \[s\]: below the periods of weight on muscle,
+/// and at least the rows' distance: then a swing of up to a third of the rows' rate has its
+/// curvature to 1 %, to which its mirror above half of that rate adds.
 const KERNEL_S: f64 = 0.04;
 /// The same in a fall onto the stop, which takes a tenth of a second \[s\].
 const FALL_KERNEL_S: f64 = 0.01;
@@ -237,6 +239,13 @@ pub(super) struct Zeros {
     pub(super) of_gas: OnceLock<Vec<Vec<f64>>>,
     pub(super) of_force: OnceLock<Vec<Vec<f64>>>,
     pub(super) of_balances: OnceLock<Vec<Vec<f64>>>,
+}
+
+/// The median of the times between rows \[s\]; 0 where there are none.
+fn median_s(time_s: &[f64]) -> f64 {
+    let mut lengths_s: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    lengths_s.sort_by(f64::total_cmp);
+    lengths_s.get(lengths_s.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// When a weight lands on its stop with a speed.
@@ -555,18 +564,19 @@ impl Prepared {
         let ways = contacts(contraction, self.noise.contraction, nearest);
         let falls = |kernel: &Kernel| kernel.rows.clone().all(|r| ways[r] < 0.0);
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
-        let whole_s = last_s - first_s - SKIP_S - KERNEL_REACH * KERNEL_S;
+        let wide_s = KERNEL_S.max(median_s(time_s));
+        let whole_s = last_s - first_s - SKIP_S - KERNEL_REACH * wide_s;
         let kernels = |width_s: f64| {
             let spacing_s = SPACING * width_s;
             let count = (whole_s / spacing_s).max(0.0) as usize;
             let times_s = (0..count).map(move |n| first_s + SKIP_S + n as f64 * spacing_s);
             times_s.map(move |at_s| Kernel::at(time_s, at_s, width_s))
         };
-        let wide = kernels(KERNEL_S).filter(|kernel| present(kernel) && lifted(kernel));
+        let wide = kernels(wide_s).filter(|kernel| present(kernel) && lifted(kernel));
         // A fall onto the stop leaves no room for the wide kernel; there alone would a muscle have
         // to push.
         let narrow = kernels(FALL_KERNEL_S).filter(|kernel| {
-            let about = || Kernel::at(time_s, time_s[kernel.middle()], KERNEL_S);
+            let about = || Kernel::at(time_s, time_s[kernel.middle()], wide_s);
             present(kernel) && falls(kernel) && !lifted(&about())
         });
         let mut kernels: Vec<Kernel> = wide.chain(narrow).collect();
