@@ -241,13 +241,6 @@ pub(super) struct Zeros {
     pub(super) of_balances: OnceLock<Vec<Vec<f64>>>,
 }
 
-/// The median of the times between rows \[s\]; 0 where there are none.
-fn median_s(time_s: &[f64]) -> f64 {
-    let mut lengths_s: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    lengths_s.sort_by(f64::total_cmp);
-    lengths_s.get(lengths_s.len() / 2).copied().unwrap_or(0.0)
-}
-
 /// When a weight lands on its stop with a speed.
 fn landings_s(time_s: &[f64], contraction: &[f64], rates_per_s: &[f64]) -> Vec<f64> {
     let lowest = contraction.iter().copied().fold(f64::INFINITY, f64::min);
@@ -418,7 +411,8 @@ impl Prepared {
         let landings_s = landings_s(time_s, contraction, &prepared.rates_per_s);
         prepared.skip_gas(time_s, &landings_s, -0.02..LANDING_S);
         prepared.directions = prepared.sure_directions();
-        prepared.places(rig, &weight);
+        let wide_s = KERNEL_S.max(checked.sampling.period_s);
+        prepared.places(rig, &weight, wide_s);
         prepared.stops(rig, &weight);
         Ok(prepared)
     }
@@ -538,8 +532,9 @@ impl Prepared {
         }
     }
 
-    /// Where the balance of the load is looked at: away from ends, gaps and the stop.
-    fn places(&mut self, rig: &Rig, weight: &Weight) {
+    /// Where the balance of the load is looked at, through kernels `wide_s` wide but in falls: away
+    /// from ends, gaps and the stop.
+    fn places(&mut self, rig: &Rig, weight: &Weight, wide_s: f64) {
         let time_s = self.measured.time_s();
         let (Some(contraction), Some(pressure_pa)) = (
             self.measured.column(CONTRACTION),
@@ -564,7 +559,6 @@ impl Prepared {
         let ways = contacts(contraction, self.noise.contraction, nearest);
         let falls = |kernel: &Kernel| kernel.rows.clone().all(|r| ways[r] < 0.0);
         let (first_s, last_s) = (time_s[0], time_s[time_s.len() - 1]);
-        let wide_s = KERNEL_S.max(median_s(time_s));
         let whole_s = last_s - first_s - SKIP_S - KERNEL_REACH * wide_s;
         let kernels = |width_s: f64| {
             let spacing_s = SPACING * width_s;
