@@ -3,7 +3,7 @@ use super::super::testing::{
     force_n, largest_difference, run, through,
 };
 use super::{KIND, RT_J_PER_KG};
-use crate::effects::Effect;
+use crate::effects::{DISCREPANCY_RATIO, Effect};
 use crate::subsystem::gas::{GAS_CONSTANT_J_PER_KG_K, HEAT_RATIO};
 use std::f64::consts::TAU;
 
@@ -247,4 +247,44 @@ fn a_resistance_delays_the_force_behind_a_measured_pressure() {
     let expected_n = -CLAMPED.muscle.force_per_pressure_m2(0.1) * 2e5 * 0.02;
     assert_near(added[100], 0.0, 1e-9, "before the ramp");
     assert_near(added[200], expected_n, 1e-4, "on the ramp");
+}
+
+/// Along a motion and a pressure that is linear between rows 10 ms apart, a muscle that fills in 5
+/// to 40 ms, in the middle of its motion, is filled and emptied as with ten times as many steps, to
+/// a tenth of what a form may leave.
+#[test]
+fn a_muscle_is_filled_in_few_steps() {
+    const FINE: u32 = 40;
+    let coarse_s = FINE as f64 * ROW_S;
+    let row = |time_s: f64| (time_s / coarse_s + 1e-9).floor();
+    let between = |of: fn(f64) -> f64, time_s: f64| {
+        let (from, to) = (
+            of(coarse_s * row(time_s)),
+            of(coarse_s * (row(time_s) + 1.0)),
+        );
+        from + (time_s / coarse_s - row(time_s)) * (to - from)
+    };
+    let contraction = |time_s: f64| 0.1 + 0.08 * (TAU * time_s).sin();
+    let port_pa = |time_s: f64| 2.5e5 + 1.5e5 * (3.0 * TAU * time_s).sin().signum();
+    for fills_s in [5e-3, 10e-3, 40e-3] {
+        let effect = conductance(volume_m3() / (RT_J_PER_KG * fills_s));
+        let along = |fine: u32| {
+            let step_s = coarse_s / f64::from(fine);
+            let motion = |time_s: f64| between(contraction, time_s);
+            let pressure = |time_s: f64| between(port_pa, time_s);
+            let inputs = bench(step_s, 200 * fine as usize + 1, motion, pressure);
+            let missing_n = added_n(&effect, &inputs);
+            missing_n
+                .into_iter()
+                .step_by(fine as usize)
+                .collect::<Vec<f64>>()
+        };
+        let (found_n, fine_n) = (along(1), along(FINE));
+        let most_n = fine_n.iter().fold(0.0_f64, |most, n| most.max(n.abs()));
+        let error_n = largest_difference(&found_n, &fine_n);
+        assert!(
+            error_n < 0.1 * DISCREPANCY_RATIO * most_n,
+            "{fills_s}: {error_n} of {most_n}"
+        );
+    }
 }
