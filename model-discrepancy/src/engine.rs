@@ -731,7 +731,8 @@ pub struct Engine<'a, M> {
     /// The model.
     pub model: &'a M,
     fits: Mutex<HashMap<Key, Option<Fit>>>,
-    promised: Mutex<HashMap<(promises::Place, usize), f64>>,
+    /// What candidates promise, and whether from all of their starts.
+    promised: Mutex<HashMap<(promises::Place, usize), (f64, bool)>>,
     judged: Mutex<HashMap<promises::Place, Option<Vec<Judgement>>>>,
     /// Residuals of each record's blocks with nominal values as given and without effects.
     as_given: Vec<OnceLock<Option<Residuals>>>,

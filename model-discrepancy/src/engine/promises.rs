@@ -22,6 +22,9 @@ const WIDENS: f64 = 0.1;
 /// nominal values are: what a promise depends on.
 pub(super) type Place = (Vec<usize>, Vec<usize>, Vec<u64>);
 
+/// Bases by place, each with what it costs alone.
+type Bases<'a, 'p> = BTreeMap<&'p Place, Vec<(Base<'a>, f64)>>;
+
 /// Some blocks of a hypothesis, linearized.
 struct Base<'a> {
     nominal: Vec<f64>,
@@ -38,74 +41,94 @@ impl<M: Model> Engine<'_, M> {
     /// moved in the others. Costs one evaluation a start, or two. A candidate is tried from its
     /// first start only if, beside others, that promises little, or, where there are none, all its
     /// blocks have dead zones, in which promises cannot be believed; an effect of `base` promises
-    /// nothing. What all starts have promised where `base` is no other is known.
+    /// nothing. What was promised where `base` is no other is known.
     pub fn promises(&self, base: &Hypothesis) -> Option<Vec<f64>> {
         let all = self.model.candidates();
         let groups = self.groups(&base.candidates);
         let places = (0..all.len()).map(|c| self.place(base, &groups, c));
         let places: Vec<Place> = places.collect();
         let has = |effect| base.candidates.iter().any(|own| all[*own].effect == effect);
-        let known: Vec<Option<f64>> = {
+        let known: Vec<Option<(f64, bool)>> = {
             let promised = self.promised.lock().ok()?;
             let known = |(c, place): (usize, &Place)| {
                 let known = promised.get(&(place.clone(), c)).copied();
-                has(all[c].effect).then_some(0.0).or(known)
+                has(all[c].effect).then_some((0.0, true)).or(known)
             };
             places.iter().enumerate().map(known).collect()
         };
         let mut bases = BTreeMap::new();
-        for (place, known) in places.iter().zip(&known) {
-            if known.is_none() && !bases.contains_key(place) {
-                bases.insert(place, self.bases(base, place)?);
-            }
-        }
-        let promise = |c: usize, start: &[f64]| {
+        let is_new = |c: &usize| known[*c].is_none();
+        self.add_bases(&mut bases, base, places.iter(), is_new)?;
+        let promise = |bases: &Bases, c: usize, start: &[f64]| {
             let is_signed = places[c].1.is_empty() && !all[c].has_two_signs();
             self.promise(&bases[&places[c]], base, (c, start), is_signed)
-        };
-        // Also as it begins: what is large moves what takes its place, or leaves a dead zone.
-        let begins = |c: usize, start: &[f64]| {
-            if self.is_proportional(&all[c]) {
-                return None;
-            }
-            promise(c, &small(&all[c].parameters, start))
         };
         let starts: Vec<_> = all.iter().map(|c| starts(&c.parameters)).collect();
         let first = (0..all.len()).into_par_iter().map(|c| {
             let start = starts[c].first()?;
-            let tried = || [promise(c, start), begins(c, start)];
-            known[c].or_else(|| tried().into_iter().flatten().reduce(f64::max))
+            let tried = || {
+                // Also as it begins: what is large moves what takes its place, or leaves a dead
+                // zone.
+                let begins = || promise(&bases, c, &small(&all[c].parameters, start));
+                let begins = (!self.is_proportional(&all[c])).then(begins).flatten();
+                [promise(&bases, c, start), begins]
+            };
+            let new = || tried().into_iter().flatten().reduce(f64::max);
+            known[c].map(|(promise, _)| promise).or_else(new)
         });
         let first: Vec<Option<f64>> = first.collect();
         let most = first.iter().flatten().copied().fold(0.0, f64::max);
-        // The best, and whether all starts have been tried for it.
-        let best = |c: usize| {
-            let first_promise = first[c].unwrap_or(0.0).max(0.0);
-            if known[c].is_some() {
-                return (first_promise, true);
-            }
-            let is_left = if base.candidates.is_empty() {
+        let is_left = |c: usize| {
+            let Some(promise) = first[c] else {
+                return false;
+            };
+            if base.candidates.is_empty() {
                 let mut blocks = all[c].blocks.iter();
                 blocks.all(|block| !self.model.proportional(*block))
             } else {
                 // In blocks of their own the others are none.
-                !places[c].1.is_empty() && first_promise < SHARE_OF_FIRST * most
-            };
-            if is_left && first[c].is_some() {
-                return (first_promise, false);
+                !places[c].1.is_empty() && promise.max(0.0) < SHARE_OF_FIRST * most
             }
-            let others = starts[c].par_iter().skip(1);
-            let others = others.filter_map(|start| promise(c, start));
-            (others.reduce(|| first_promise, f64::max), true)
+        };
+        let was_all = |c: usize| known[c].is_some_and(|(_, of_all)| of_all);
+        let is_open = |c: &usize| !was_all(*c) && !is_left(*c);
+        let has_more = |c: &usize| is_open(c) && starts[*c].len() > 1;
+        self.add_bases(&mut bases, base, places.iter(), has_more)?;
+        let best = |c: usize| {
+            let first_promise = first[c].unwrap_or(0.0).max(0.0);
+            let others = if is_open(&c) { &starts[c][..] } else { &[] };
+            let others = others.par_iter().skip(1);
+            let others = others.filter_map(|start| promise(&bases, c, start));
+            (
+                others.reduce(|| first_promise, f64::max),
+                was_all(c) || is_open(&c),
+            )
         };
         let promises: Vec<(f64, bool)> = (0..all.len()).into_par_iter().map(best).collect();
         let mut promised = self.promised.lock().ok()?;
         for (c, place) in places.into_iter().enumerate() {
-            if let (None, (promise, true)) = (known[c], promises[c]) {
-                promised.insert((place, c), promise);
+            if !was_all(c) {
+                promised.insert((place, c), promises[c]);
             }
         }
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
+    }
+
+    /// Adds the bases of the places of those candidates for which `are_needed`.
+    fn add_bases<'e, 'p>(
+        &'e self,
+        bases: &mut Bases<'e, 'p>,
+        hypothesis: &Hypothesis,
+        places: impl Iterator<Item = &'p Place>,
+        are_needed: impl Fn(&usize) -> bool,
+    ) -> Option<()> {
+        let needed = places.enumerate().filter(|(c, _)| are_needed(c));
+        for (_, place) in needed {
+            if !bases.contains_key(place) {
+                bases.insert(place, self.bases(hypothesis, place)?);
+            }
+        }
+        Some(())
     }
 
     /// Whether one of some candidates promises more than `least` of it beside `base` and what laws
