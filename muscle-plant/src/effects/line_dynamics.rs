@@ -310,44 +310,36 @@ impl FilledMuscle {
         self.air.volume.volume_m3(contraction) / (RT_J_PER_KG * self.conductance_kg_per_pa_s)
     }
 
-    /// What the port's pressure is more than the muscle's, in units of the state.
-    fn missing(&self, point: &MusclePoint, state: &[f64; 2]) -> f64 {
-        let port = point
-            .pressure
-            .to_absolute(self.air.gas.atmospheric_pressure);
-        port.0 / STATE_PA - state[0]
+    /// Absolute pressure of the port, in units of the state.
+    fn port(&self, point: &MusclePoint) -> f64 {
+        let atmospheric = self.air.gas.atmospheric_pressure;
+        point.pressure.to_absolute(atmospheric).0 / STATE_PA
     }
 
     /// How the muscle fills in a state, or empties: in a step the air does one of both.
     fn filling(&self, point: &MusclePoint, state: &[f64; 2], enters: bool) -> Filling {
-        let ambient_k = self.air.gas.ambient_temperature_k;
         let temperature_k = if enters {
-            ambient_k
+            self.air.gas.ambient_temperature_k
         } else {
             state[1] * STATE_K
         };
-        let volume_m3 = self.air.volume.volume_m3(point.contraction);
-        let per_s =
-            HEAT_RATIO * GAS_CONSTANT_J_PER_KG_K * temperature_k * self.conductance_kg_per_pa_s
-                / volume_m3;
+        let warmth = temperature_k / AIR_TEMPERATURE_K;
+        let per_s = HEAT_RATIO * warmth / self.fills_s(point.contraction);
         let rate = self.states_rates(point, state, 1.0)[0];
         Filling {
             per_s,
-            else_per_s: rate - per_s * self.missing(point, state),
+            else_per_s: rate - per_s * (self.port(point) - state[0]),
         }
     }
 
     /// The states at the end of a step.
     fn filled(&self, ends: &[MusclePoint; 2], begin: &[f64; 2], filling: Filling) -> [f64; 2] {
+        let Filling { per_s, else_per_s } = filling;
         let length_s = ends[1].time_s - ends[0].time_s;
-        let port_rate = (ends[1].pressure.0 - ends[0].pressure.0) / (STATE_PA * length_s);
-        // What the muscle's pressure is more than the port's in the long run, and besides.
-        let settled = (filling.else_per_s - port_rate) / filling.per_s;
-        let fading = -self.missing(&ends[0], begin) - settled;
-        let faded = fading * (-filling.per_s * length_s).exp_m1();
-        let end = begin[0] + port_rate * length_s + faded;
-        // Of what the port's pressure is more.
-        let integral_s = faded / filling.per_s - settled * length_s;
+        let toward = ends.map(|point| self.port(&point) + else_per_s / per_s);
+        let end = lagged(begin[0], toward, length_s, per_s.recip());
+        // Of what the port's pressure is more: all that is not by something else.
+        let integral_s = (end - begin[0] - else_per_s * length_s) / per_s;
         let mass_kg = |point: &MusclePoint, pressure: f64| {
             let pressure = AbsolutePa(pressure * STATE_PA);
             self.air
@@ -387,9 +379,8 @@ impl Dynamics<MusclePoint> for FilledMuscle {
     }
 
     fn steady_state(&self, point: &MusclePoint, state: &mut [f64]) {
-        let gas = &self.air.gas;
-        state[0] = point.pressure.to_absolute(gas.atmospheric_pressure).0 / STATE_PA;
-        state[1] = gas.ambient_temperature_k / STATE_K;
+        state[0] = self.port(point);
+        state[1] = self.air.gas.ambient_temperature_k / STATE_K;
     }
 
     fn rates(&self, point: &MusclePoint, state: &[f64], rates: &mut [f64]) {
@@ -415,7 +406,7 @@ impl Dynamics<MusclePoint> for FilledMuscle {
         };
         let fills_s = self.fills_s(to.contraction);
         if fills_s < QUASI_STEADY_S {
-            let port = to.pressure.to_absolute(self.air.gas.atmospheric_pressure).0 / STATE_PA;
+            let port = self.port(to);
             let port_rate = (to.pressure.0 - from.pressure.0) / (whole_s * STATE_PA);
             let muscle_rate = self.states_rates(&point(1.0), &[port, state[1]], 1.0)[0];
             state[0] = port - (port_rate - muscle_rate) * fills_s / HEAT_RATIO;
@@ -426,7 +417,7 @@ impl Dynamics<MusclePoint> for FilledMuscle {
         for step in 0..steps as u32 {
             let ends = [step, step + 1].map(|step| point(f64::from(step) / steps));
             let begin = [state[0], state[1]];
-            let enters = self.missing(&ends[0], &begin) > 0.0;
+            let enters = self.port(&ends[0]) > begin[0];
             let first = self.filling(&ends[0], &begin, enters);
             let end = self.filled(&ends, &begin, first);
             let last = self.filling(&ends[1], &end, enters);
