@@ -58,7 +58,8 @@ impl<M: Model> Engine<'_, M> {
         };
         let mut bases = BTreeMap::new();
         let is_new = |c: &usize| known[*c].is_none();
-        self.add_bases(&mut bases, base, places.iter(), is_new)?;
+        let new = (0..all.len()).filter(is_new).map(|c| &places[c]);
+        self.add_bases(&mut bases, base, new)?;
         let promise = |bases: &Bases, c: usize, start: &[f64]| {
             let is_signed = places[c].1.is_empty() && !all[c].has_two_signs();
             self.promise(&bases[&places[c]], base, (c, start), is_signed)
@@ -93,7 +94,8 @@ impl<M: Model> Engine<'_, M> {
         let was_all = |c: usize| known[c].is_some_and(|(_, of_all)| of_all);
         let is_open = |c: &usize| !was_all(*c) && !is_left(*c);
         let has_more = |c: &usize| is_open(c) && starts[*c].len() > 1;
-        self.add_bases(&mut bases, base, places.iter(), has_more)?;
+        let open = (0..all.len()).filter(has_more).map(|c| &places[c]);
+        self.add_bases(&mut bases, base, open)?;
         let best = |c: usize| {
             let first_promise = first[c].unwrap_or(0.0).max(0.0);
             let others = if is_open(&c) { &starts[c][..] } else { &[] };
@@ -114,16 +116,14 @@ impl<M: Model> Engine<'_, M> {
         Some(promises.into_iter().map(|(promise, _)| promise).collect())
     }
 
-    /// Adds the bases of the places of those candidates for which `are_needed`.
+    /// Adds the bases of those `places` that have none.
     fn add_bases<'e, 'p>(
         &'e self,
         bases: &mut Bases<'e, 'p>,
         hypothesis: &Hypothesis,
         places: impl Iterator<Item = &'p Place>,
-        are_needed: impl Fn(&usize) -> bool,
     ) -> Option<()> {
-        let needed = places.enumerate().filter(|(c, _)| are_needed(c));
-        for (_, place) in needed {
+        for place in places {
             if !bases.contains_key(place) {
                 bases.insert(place, self.bases(hypothesis, place)?);
             }
